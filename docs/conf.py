@@ -1,7 +1,9 @@
 """Sphinx reads the pages with this: Markdown by MyST, one theme, every dead reference a warning."""
 
 project = "drivetool"
-extensions = ["myst_parser"]
+extensions = ["myst_parser", "sphinx.ext.mathjax"]
+# Equations between dollar signs.
+myst_enable_extensions = ["dollarmath"]
 html_theme = "furo"
 html_title = "drivetool"
 html_show_copyright = False

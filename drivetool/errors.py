@@ -1,4 +1,4 @@
-"""What can go wrong, said once: wanted, found, available, do."""
+"""Errors and findings: an error states wanted, found, available, do."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ class DriveToolError(Exception):
 
 
 class BadRecording(DriveToolError):
-    """A log that cannot be read, or lacks what the step needs."""
+    """A log that cannot be read, or lacks data that the step needs."""
 
 
 class BadParameters(DriveToolError):
@@ -40,15 +40,15 @@ class BadOption(DriveToolError):
 
 
 class CannotWrite(DriveToolError):
-    """A result that the disk does not take, whatever the options."""
+    """A result that cannot be written to the disk, whatever the options."""
 
 
 class NotEnoughData(DriveToolError):
-    """The record is readable but holds too little to answer the question."""
+    """The record is readable but contains too little data for this step."""
 
 
 class Notice(UserWarning):
-    """What a user should know of the tool itself, not of a recording: the one kind of warning that is shown."""
+    """A message about the tool itself, not about a recording: the only kind of warning that is shown."""
 
 
 @dataclass(frozen=True)
@@ -67,7 +67,7 @@ class Finding:
     text: str
     evidence: Mapping[str, float | int | str] = field(default_factory=dict)
     action: str = ""
-    # Two findings that a file cannot tell apart are the same one: where each is said once, this makes no second.
+    # Two findings with the same text in a file are equal: `parameter` alone does not make a second one.
     parameter: str | None = field(default=None, compare=False)
 
     def __post_init__(self) -> None:
@@ -79,5 +79,5 @@ class Finding:
 def nearest(name: str, known: Iterable[str]) -> str:
     """The sentence part that suggests a name, or lists what there is."""
     known = list(known)
-    close = difflib.get_close_matches(name, known, n=1, cutoff=0.6)
-    return f"Did you mean '{close[0]}'?" if close else f"Known are: {', '.join(known)}."
+    matches = difflib.get_close_matches(name, known, n=1, cutoff=0.6)
+    return f"Did you mean '{matches[0]}'?" if matches else f"Known are: {', '.join(known)}."

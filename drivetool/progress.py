@@ -1,4 +1,4 @@
-"""How far a long step has come: told to whoever shows it, by default to nobody."""
+"""Progress of a long step: reported to the registered listeners, by default none."""
 
 from __future__ import annotations
 
@@ -14,8 +14,8 @@ _listeners: list[Listener] = []
 
 
 @contextmanager
-def shown_by(listener: Listener) -> Iterator[None]:
-    """Within this, what is told reaches the listener: (stage, steps done, steps in all)."""
+def progress_to(listener: Listener) -> Iterator[None]:
+    """Within this context the listener receives each report: (stage, steps done, steps in total)."""
     _listeners.append(listener)
     try:
         yield
@@ -23,10 +23,10 @@ def shown_by(listener: Listener) -> Iterator[None]:
         _listeners.remove(listener)
 
 
-def tell(stage: str, done: int, total: int) -> None:
-    """Say how far a stage is; it is over when done reaches the total.
+def report_progress(stage: str, done: int, total: int) -> None:
+    """Report the progress of a stage; it is complete when done equals the total.
 
-    What runs beside the main thread says nothing: a bar shows one stage at a time.
+    Other threads than the main one report nothing: a bar shows one stage at a time.
     """
     if threading.current_thread() is not threading.main_thread():
         return
@@ -35,16 +35,16 @@ def tell(stage: str, done: int, total: int) -> None:
 
 
 def counted(stage: str, items: Iterable[T], total: int) -> Iterator[T]:
-    """The items, each told as it comes; a stage that ends early is over all the same."""
+    """The items, each reported as it comes; a stage that ends early is reported as complete."""
     done = 0
     if total > 0:
-        tell(stage, 0, total)
+        report_progress(stage, 0, total)
     try:
         for item in items:
             done += 1
             if done < total:
-                tell(stage, done, total)
+                report_progress(stage, done, total)
             yield item
     finally:
         if total > 0:
-            tell(stage, total, total)
+            report_progress(stage, total, total)

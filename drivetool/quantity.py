@@ -1,10 +1,10 @@
-"""What a parameter is: unit, meaning, bounds, scale and the value that changes nothing."""
+"""Kinds of parameters: unit, meaning, bounds, scale and the value without effect."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
 
-ELECTRIC = ("A", "V", "%")  # what the input of a motor may be logged in; its torque constant makes it a torque
+ELECTRIC_UNITS = ("A", "V", "%")  # units in which a motor's input may be logged; its torque constant converts it
 
 # A chain is the same for Nm and rad, N and m, or A and rad; units follow from these two.
 _SPELLING = {
@@ -25,7 +25,7 @@ class Quantity:
     bounds   lowest and highest value that is physical, in the unit
     scale    a typical size in a record whose torque and speed are one, used where a value of zero gives none
     neutral  the value at which the effect is absent; None if it always acts
-    choice   the values that it may have, if it is a choice and no number to be fitted
+    choice   the allowed values, if it is a discrete choice that cannot be fitted
     """
 
     unit: str
@@ -43,13 +43,13 @@ class Quantity:
     def size(self, torque: float, speed: float) -> float:
         """A typical size in a record with such a torque and speed: it changes with them as the unit says."""
         over, *under = self.unit.split("/")
-        found = self.scale
+        size = self.scale
         for symbol, each in (("{T}", torque), ("{q}", speed)):
             power = _power(symbol, over) - sum(_power(symbol, part) for part in under)
-            found *= each**power
-        return found
+            size *= each**power
+        return size
 
 
-def _power(symbol: str, part: str) -> int:
-    """Of a symbol in a product."""
-    return 2 if f"{symbol}^2" in part else int(symbol in part)
+def _power(symbol: str, factor: str) -> int:
+    """Power of a symbol in a product."""
+    return 2 if f"{symbol}^2" in factor else int(symbol in factor)

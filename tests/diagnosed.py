@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 
 from drivetool.check.outcome import CandidateResult, Diagnosis, Gain, Round
-from drivetool.check.verdict.exhibits import exhibits_of
+from drivetool.check.verdict.plot_data import diagnosis_plots
 from drivetool.check.verdict.view import View
 from drivetool.drive import two_mass
 from drivetool.identify.estimate import Covariance, Estimate, Parameter
@@ -66,4 +66,4 @@ def diagnosis(**changes) -> Diagnosis:
 
 def with_pictures(made: Diagnosis) -> Diagnosis:
     """The same with pictures of one record."""
-    return replace(made, exhibits=exhibits_of(views(second=False), 5.766, made.rounds, 0.02))
+    return replace(made, exhibits=diagnosis_plots(views(second=False), 5.766, made.rounds, 0.02))

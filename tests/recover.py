@@ -9,9 +9,9 @@ import numpy as np
 from scipy.stats import chi2
 
 from drivetool.check.causes import CAUSES
-from drivetool.check.fit import Model, everything, from_start
-from drivetool.check.search.attempt import Tried, attempt, screen
-from drivetool.check.search.begin import stand_at
+from drivetool.check.fit import Model, all_samples, fit_from_start
+from drivetool.check.search.candidate_fit import CandidateFit, attempt, screen
+from drivetool.check.search.prepared_start import reference_model
 from drivetool.drive import Drive, one_body, two_mass
 from drivetool.identify.estimate import Estimate
 from drivetool.identify.setup import Task, roles_of
@@ -141,10 +141,10 @@ def one_sensor(seed: int, torque_noise: float = 0.002, spikes: Mapping[int, floa
             "shaft.damping")
     drive = drive_like(machine, list(free))
     task = Task(drive, free, roles_of([record], drive), (record,))
-    return from_start(task), torque_noise * rated / sensor
+    return fit_from_start(task), torque_noise * rated / sensor
 
 
-def tried(code: str, base: Model) -> Tried:
+def tried(code: str, base: Model) -> CandidateFit:
     """A cause fitted on top of a base, from every start of its own that is worth it."""
-    masks = everything(base.problem)
-    return attempt(screen(CAUSES[code], [stand_at(base)], masks), base, masks)
+    masks = all_samples(base.problem)
+    return attempt(screen(CAUSES[code], [reference_model(base)], masks), base, masks)

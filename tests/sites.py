@@ -10,7 +10,7 @@ import pyarrow.parquet as pq
 import yaml
 from mcap.writer import Writer
 
-from drivetool.site.results.summary import COSTS
+from drivetool.site.results.summary import COST_COLUMNS
 from tests.simulator.records import write_mcap
 
 N, STEP = 4_000, 0.002
@@ -91,9 +91,9 @@ def compared(out):
     for path in sorted(p for p in Path(out).rglob("*") if p.is_file()):
         name, data = path.relative_to(out).as_posix(), path.read_bytes()
         if name == "summary.parquet":
-            data = pq.read_table(path).drop_columns(list(COSTS)).to_pylist()
+            data = pq.read_table(path).drop_columns(list(COST_COLUMNS)).to_pylist()
         elif name == "summary.csv":
-            data = [row[:-len(COSTS)] for row in csv.reader(io.StringIO(data.decode()))]
+            data = [row[:-len(COST_COLUMNS)] for row in csv.reader(io.StringIO(data.decode()))]
         if name != "manifest.jsonl":
             found[name] = data
     return found

@@ -153,7 +153,7 @@ def test_a_damper_without_friction_and_gap_is_told_what_it_lacks_by_another_reco
     assert {"backlash", "hardening-stiffness"} & {*found.causes, *found.between}
     assert "quadratic-drag" not in found.causes
     assert found.gain.held_out_rmse_after < 0.6 * found.gain.held_out_rmse_before
-    assert found.gain.on_a_fresh_record[0] > 0.0
+    assert found.gain.further_record_interval[0] > 0.0
 
 
 @pytest.mark.parametrize("end", [4.0, pytest.param(20.0, marks=pytest.mark.long)])
@@ -174,7 +174,7 @@ def test_motor_bench_in_the_frequency_domain_agrees_with_the_time_domain(end):
     estimates = [greybox([bench.between(0.0, end)], BENCH, Options(criterion=c))
                  for c in ("frequency", "innovations")]
     found = [{p.name: p for p in e.parameters} for e in estimates]
-    left = [f for f in estimates[1].findings if f.code == "samples-left-out"]
+    left = [f for f in estimates[1].findings if f.code == "outliers-left-out"]
     if end == 20.0:
         assert {7.06, 14.2} <= set(map(float, left[0].evidence["instants"].split()))
         assert left[0].evidence["count"] < 100
@@ -210,7 +210,7 @@ def test_emps_lacks_friction_by_direction_and_a_ripple_of_its_screw(tmp_path):
     facts = yaml.safe_load((tmp_path / "extended.yaml").read_text())["diagnosis"]["facts"]
     assert facts["after"] < 0.65 * facts["before"]  # both trained on the halves that they are not run over
     assert answer.gain["held_out_rmse_after"] < answer.gain["held_out_rmse_before"]
-    assert "one-step-errors-hum" in done.stderr and "445" in done.stderr and "99.61 Hz" in done.stderr
+    assert "narrow-band-disturbance" in done.stderr and "445" in done.stderr and "99.61 Hz" in done.stderr
 
 
 def test_what_the_motor_bench_lacks_shows_without_a_simulation():

@@ -1,6 +1,6 @@
-"""Takes records and a fitted drive, and says which law the drive lacks.
+"""Diagnosis: from records and a fitted drive to the law that the drive lacks.
 
-It returns a diagnosis. Its wings build upon one another: fit, starts, causes, heldout, search, verdict.
+Its packages build upon one another: fit, starts, causes, heldout, search, verdict.
 """
 
 import lazy_loader

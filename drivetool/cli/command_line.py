@@ -64,9 +64,9 @@ for _name, _module in COMMANDS.items():
                 epilog=f"\b\nExample:\n  {_module.EXAMPLE}")(_module.command)
 
 
-def _version(asked: bool) -> None:
+def _version(requested: bool) -> None:
     """Print the version and leave."""
-    if asked:
+    if requested:
         print(f"drivetool {__version__}")
         raise typer.Exit
 

@@ -1,7 +1,7 @@
-"""The physics we believe: a drive as a chain of bodies and shafts with values.
+"""The physical model: a drive as a chain of bodies and shafts with values.
 
-It is assembled into equations with derivatives over its parameters, or linearised. No file is read here, and
-nothing is fitted.
+It is assembled into equations with derivatives over its parameters, or linearised. This package reads no file and
+fits nothing.
 """
 
 import lazy_loader

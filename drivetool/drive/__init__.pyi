@@ -1,9 +1,9 @@
-from .assemble import PAD as PAD, Assembly as Assembly, Law as Law, Layout as Layout
+from .assemble import COLUMN_MULTIPLE as COLUMN_MULTIPLE, Assembly as Assembly, Law as Law, Layout as Layout
 from .chain import (
-    AT as AT,
-    GEARED as GEARED,
+    END_MASS as END_MASS,
+    GEAR_RATIO_EXPONENTS as GEAR_RATIO_EXPONENTS,
     KNOWN_DRIVES as KNOWN_DRIVES,
-    TIP as TIP,
+    RECORD_MARK as RECORD_MARK,
     TOTALS as TOTALS,
     DampingLaw as DampingLaw,
     Drive as Drive,
@@ -13,12 +13,17 @@ from .chain import (
     two_mass as two_mass,
 )
 from .dual import Dual as Dual
-from .linearise import MOTOR as MOTOR, closed as closed, resonances as resonances, state_space as state_space
+from .linearise import (
+    MOTOR_TORQUE as MOTOR_TORQUE,
+    linear_drive as linear_drive,
+    resonances as resonances,
+    state_space as state_space,
+)
 from .shaft_rows import closed_shaft as closed_shaft, in_contact as in_contact
 from .supply_vector import (
     by_converter as by_converter,
     by_phases as by_phases,
-    turning as turning,
+    vector_frequency as vector_frequency,
     vector_of_converter as vector_of_converter,
     vector_of_phases as vector_of_phases,
 )

@@ -1,7 +1,7 @@
 """From a drive to the equations the kernel solves: every effect stamps its law.
 
-Rows are torques of the bodies, then rates of the twists and of the signal path. Derivatives come
-with the numbers: a parameter is a Dual over the free ones.
+Rows are torques of the bodies, then rates of the twists and of the signal path. Each number has its derivatives: a
+parameter is a Dual over the free ones.
 """
 
 from __future__ import annotations
@@ -14,26 +14,26 @@ from operator import mul
 import numpy as np
 
 from drivetool.drive.arrays import System
-from drivetool.drive.chain import TOTALS, Drive, shared, shares
+from drivetool.drive.chain import TOTALS, Drive, body_shares, shared
 from drivetool.drive.dual import Dual
 from drivetool.drive.effects import EFFECTS, FLUXES, VOLTAGES, torque_constant
-from drivetool.drive.shaft_rows import in_contact, lasting
+from drivetool.drive.shaft_rows import always_transmitted, in_contact
 from drivetool.errors import BadParameters
 
 Row = dict[int, Dual]  # state -> factor
-FRICTION = frozenset(suffix for effect in EFFECTS for suffix in effect.friction)
-PAD = 4  # parameter columns come in fours: fewer variants to compile, and whole vectors
+FRICTION_SUFFIXES = frozenset(suffix for effect in EFFECTS for suffix in effect.friction)
+# Parameter columns are padded to multiples of this: a 256-bit vector register holds four float64.
+COLUMN_MULTIPLE = 4
 
 
 @dataclass(frozen=True)
 class Layout:
-    """What is simulated: which parameters are free, which signals go in and out.
+    """What is simulated: the free parameters and the input and output signals.
 
     free         names of the nq free parameters, in the order of the columns
     inputs       roles, the motor torque first; outputs: roles; step: sample interval [s]
-    memory       None, or the correlation of a motor torque disturbance from one sample to the
-                 next, which is then a state
-    gradient     whether derivatives over the free parameters are wanted
+    memory       None, or the AR(1) pole of a motor torque disturbance per sample, which is then a state
+    gradient     whether derivatives over the free parameters are computed
     """
 
     free: tuple[str, ...]
@@ -62,15 +62,15 @@ class Assembly:
 
     def __init__(self, drive: Drive, layout: Layout):
         self.drive, self.layout = drive, layout
-        self.nq = -(-len(layout.free) // PAD) * PAD if layout.gradient else 0
+        self.nq = -(-len(layout.free) // COLUMN_MULTIPLE) * COLUMN_MULTIPLE if layout.gradient else 0
         self.n = len(drive.bodies)
-        # In whichever recording: a start state has the same length in all.
+        # Present in any recording: the start state has the same length in all.
         self.acting = {shared(n) for n in layout.free} | {
             shared(n) for n, v in drive.values.items() if v is not None and v != drive.quantity(n).neutral}
         self.states = [f"{b}.speed" for b in drive.bodies] + [f"{s}.twist" for s in drive.shafts]
-        if angle_roles(layout) or self._turns():
+        if angle_roles(layout) or self._needs_angle():
             self.states.append("angle")
-        # Every further encoder has a zero of its own, a constant that the start state holds.
+        # Every further encoder has its own zero, a constant in the start state.
         self.states += [f"{role}.zero" for role in angle_roles(layout)[1:]]
         if self.acts_on_path("bandwidth"):
             self.states += ["converter", "converter.rate"][:self.lag_order("converter.order")]
@@ -94,7 +94,7 @@ class Assembly:
             effect.stamp(self, index)
         self._kinematics()
 
-    # what the effects use
+    # used by the effects
 
     def number(self, value: float) -> Dual:
         """A constant."""
@@ -112,9 +112,9 @@ class Assembly:
         return dual
 
     def of_body(self, body: int, suffix: str) -> Dual:
-        """A body's parameter; a total is shared out as TOTALS in chain.py says."""
+        """A body's parameter; a total is distributed by the rule at TOTALS in chain.py."""
         name = f"{self.drive.bodies[body]}.{suffix}"
-        scaled = suffix in FRICTION and self.acts_on_friction("factor")
+        scaled = suffix in FRICTION_SUFFIXES and self.acts_on_friction("factor")
         factor = self.of_friction("factor") if scaled else self.number(1.0)
         for total, part in TOTALS.items():
             if part == suffix and (total in self.drive.values or total in self.layout.free):
@@ -129,7 +129,7 @@ class Assembly:
             added = self.parameter(f"{name}.added_inertia")
             masses.append(self.parameter(f"{name}.inertia") + added + mass * radius * radius)
         ratios = [self.parameter(f"{shaft}.ratio") for shaft in self.drive.shafts]
-        return shares(suffix, masses, list(accumulate([self.number(1.0), *ratios], mul)))[body]
+        return body_shares(suffix, masses, list(accumulate([self.number(1.0), *ratios], mul)))[body]
 
     def of_shaft(self, shaft: int, suffix: str) -> Dual:
         """A shaft's parameter."""
@@ -164,14 +164,14 @@ class Assembly:
         return f"friction.{suffix}" in self.acting
 
     def filters_speed(self) -> bool:
-        """Whether the motor speed goes through a low-pass before it is logged."""
+        """Whether the motor speed is low-pass filtered before it is logged."""
         return "motor_speed" in self.layout.outputs and "sensor.bandwidth" in self.acting
 
     def fed_by_voltages(self) -> bool:
-        """Whether the motor's torque follows from the voltages at its stator."""
+        """Whether the motor's torque is computed from its stator voltages."""
         return self.acts(0, "magnetizing_inductance")
 
-    def _turns(self) -> bool:
+    def _needs_angle(self) -> bool:
         """Whether a torque depends on the angle."""
         return any(effect.over_angle and f"{owner}.{suffix}" in self.acting
                    for effect, owner, _ in self.drive.effects() for suffix in effect.present)
@@ -225,7 +225,7 @@ class Assembly:
         return row
 
     def couple(self, shaft: int, stiffness: Dual, damping: Dual, ratio: Dual) -> None:
-        """Join two neighbours; whether with a gap is decided by `gap`."""
+        """Join two neighbours; `gap` adds a gap to the joint."""
         self.shafts.append((stiffness, damping, ratio))
 
     def gap(self, shaft: int, half: Dual) -> None:
@@ -237,7 +237,7 @@ class Assembly:
         self.open_damping[shaft] = damping
 
     def lag_order(self, name: str) -> int:
-        """Order of a lag, which is no number to be fitted."""
+        """Order of a lag, which cannot be a free parameter."""
         value = self.drive.value(name)
         if value not in self.drive.quantity(name).choice or name in self.layout.free:
             raise BadParameters(f"{name} of 1 or 2, held", "one that is free" if name in self.layout.free
@@ -266,7 +266,7 @@ class Assembly:
         """Let the motor torque act later."""
         self.dead_time = dead_time
 
-    # what follows from the chain itself
+    # given by the chain itself
 
     def _kinematics(self) -> None:
         one = self.number(1.0)
@@ -284,14 +284,14 @@ class Assembly:
             twist = self.n + k
             self.torque(twist, k, 1.0 / ratio)
             self.torque(twist, k + 1, -one)
-            for column, factor in lasting(self, k).items():
-                self._on_both(k, column, factor)
+            for column, factor in always_transmitted(self, k).items():
+                self._on_both_ends(k, column, factor)
         if "angle" in self.states:
             self.torque(self.states.index("angle"), 0, one)
         if "disturbance" in self.states:
             self.torque(0, self.states.index("disturbance"), one)
 
-    def _on_both(self, shaft: int, column: int, factor: Dual) -> None:
+    def _on_both_ends(self, shaft: int, column: int, factor: Dual) -> None:
         self.torque(shaft, column, -factor / self.shafts[shaft][2])
         self.torque(shaft + 1, column, factor)
 
@@ -322,7 +322,7 @@ class Assembly:
         """(row over the state, gap whose torque adds to it or -1) of a measured role."""
         if role.endswith("torque"):
             k = self.shaft_of(role)
-            return lasting(self, k), list(self.gaps).index(k) if k in self.gaps else -1
+            return always_transmitted(self, k), list(self.gaps).index(k) if k in self.gaps else -1
         body = self.body_of(role)
         one = self.number(1.0)
         if role == "motor_speed" and self.filters_speed():
@@ -337,8 +337,8 @@ class Assembly:
     def system(self, pieces: int = 1, shortest: float = 0.0) -> System:
         """The arrays for the kernel.
 
-        pieces    into which every part of a sample is cut
-        shortest  length of the part before the dead time switches, over a sample
+        pieces    number of pieces of every part of a sample
+        shortest  least length of the part before the dead time switches, over a sample
         """
         nx, nz, nq = self.nx, self.constant + 1, self.nq
         rows = np.zeros((nx, nz, 1 + nq))
@@ -355,18 +355,19 @@ class Assembly:
         h = self.layout.step
         samples = self.dead_time.v / h
         part = max(samples - int(samples + 1e-9), shortest) * h  # as the whole samples are counted
-        spans = np.array([part, h - part]) if self.acts_on_path("dead_time") else np.array([h])
+        part_lengths = np.array([part, h - part]) if self.acts_on_path("dead_time") else np.array([h])
         bodies = sorted(self.frictions)
         memory = np.ones(nx)
         if self.layout.memory is not None:
             memory[self.states.index("disturbance")] = self.layout.memory
-        ns = -(-(nq + nx + self.layout.gradient) // PAD) * PAD
+        ns = -(-(nq + nx + self.layout.gradient) // COLUMN_MULTIPLE) * COLUMN_MULTIPLE
         return System(
             rows, self._jets(self.masses + [self.number(1.0)] * (nx - self.n)), spring,
             self._jets(reach), np.array([(k, k + 1) for k in self.gaps], np.int64).reshape(-1, 2),
             self._jets(gains).reshape(-1, 2, 1 + nq),
             np.array(bodies, np.int64), self._jets([self.frictions[b] for b in bodies]), outputs, output_gap,
-            _picks(outputs, output_gap), np.repeat(spans, pieces) / pieces, (len(spans) - 1) * pieces,
+            _output_states(outputs, output_gap), np.repeat(part_lengths, pieces) / pieces,
+            (len(part_lengths) - 1) * pieces,
             self.dead_time.d, memory, nx, self.nu, nq, len(self.gaps), len(self.frictions),
             len(outputs), ns, nx)
 
@@ -383,8 +384,8 @@ class Assembly:
         return rows, gap
 
 
-def _picks(outputs: np.ndarray, gap: np.ndarray) -> np.ndarray:
-    """(ny,) the state that an output simply is, or -1."""
+def _output_states(outputs: np.ndarray, gap: np.ndarray) -> np.ndarray:
+    """(ny,) the state that an output equals, or -1."""
     found = np.full(len(outputs), -1, np.int64)
     for m, rows in enumerate(outputs):
         used = np.flatnonzero(rows.any(axis=1))

@@ -15,15 +15,16 @@ from drivetool.drive.effects import EFFECTS, Effect, torque_constant
 from drivetool.errors import BadParameters, nearest
 from drivetool.quantity import Quantity
 
-# Where only the sum over all bodies can be told from a record, as it is felt at the motor: behind a
-# gear that turns n times slower a torque counts 1/n and a friction coefficient 1/n^2. The viscous sum
-# is shared in proportion to the inertias (every body then decays alike, Tallfors 2005 sec. 5.4); the
-# idle torque is put on the last body, where a rolling mill has most of it.
+# Parameters of which a record identifies only the sum over all bodies, referred to the motor: behind a reduction n
+# a torque counts 1/n and a friction coefficient 1/n^2. The viscous sum is distributed in proportion to the inertias
+# (all bodies then decay at one rate, Tallfors 2005 sec. 5.4). The idle torque is assigned to the last body, where a
+# rolling mill has most of it.
 TOTALS = {"total.viscous": "viscous", "total.idle_torque": "idle_torque"}
-GEARED = {"viscous": 2, "idle_torque": 1, "coulomb": 1}  # power of n by which a parameter counts less
+# Power of n by which a parameter is divided when it is referred to the motor.
+GEAR_RATIO_EXPONENTS = {"viscous": 2, "idle_torque": 1, "coulomb": 1}
 KNOWN_TORQUE = Quantity("{T}", "factor of a known torque", (-1e12, 1e12), 1e-2, 0.0)
-AT = "@"  # NAME@RECORD is the value of NAME in that recording alone
-TIP = "tip"  # a body behind the last that diagnose has found: the load's sensors and names are not its own
+RECORD_MARK = "@"  # NAME@RECORD is the value of NAME in that recording alone
+END_MASS = "tip"  # a body behind the load that diagnose has added: the load's sensors and names stay with the load
 Number = TypeVar("Number", float, Dual)
 
 DampingLaw = Literal["inside", "always"]
@@ -31,19 +32,19 @@ DampingLaw = Literal["inside", "always"]
 
 @dataclass(frozen=True)
 class Drive:
-    """A chain of inertias with what acts on them.
+    """A chain of inertias and the effects that act on them.
 
     name         for example two-mass
     bodies       from the motor outwards; shafts joins neighbours, one fewer than bodies
-    values       parameter name -> value in the units of `unit(name)`; what is missing is
-                 neutral, or unknown if the effect has no neutral value
+    values       parameter name -> value in the units of `unit(name)`; a missing one is neutral, or
+                 unknown if the effect has no neutral value
     damping_law  "inside": the shaft damping is part of the contact, which then never pulls
                  (Tallfors 2005, 5.17); "always": it acts in the gap too (chapter 6)
     known_torques  names like motor.law1 of inputs that brake a body; each is also a parameter, its factor
     records      recording -> sha256, of which some parameters have a value of their own, NAME@RECORD
-    input_unit   of the motors' inputs, A, V or %, where torque constants make torques of them; else empty
-    constants    torque constants, by which the inputs of recordings in that unit were multiplied; in `values` are
-                 those that may be others
+    input_unit   of the motors' inputs, A, V or %, if torque constants convert them to torques; else empty
+    constants    torque constants by which the inputs of recordings in that unit were multiplied; `values` has those
+                 that may differ
     """
 
     name: str
@@ -61,16 +62,16 @@ class Drive:
     @property
     def quantities(self) -> Mapping[str, Quantity]:
         """Every parameter this chain can have, in a fixed order, each followed by those of single recordings."""
-        own = tuple(n for n in self.values if AT in n) if self.records else ()
+        own = tuple(n for n in self.values if RECORD_MARK in n) if self.records else ()
         return _quantities(self.bodies, self.shafts, self.known_torques, own)
 
     def effects(self) -> tuple[tuple[Effect, str, int], ...]:
-        """(effect, owner, index of the owner) for everything that can act here."""
+        """(effect, owner, index of the owner) for every effect that can act on this drive."""
         return _effects(self.bodies, self.shafts)
 
     def quantity(self, name: str) -> Quantity:
         """The kind of a parameter; BadParameters suggests the nearest name."""
-        kind, at, record = name.partition(AT)
+        kind, at, record = name.partition(RECORD_MARK)
         if at and record not in self.records:
             raise BadParameters("a recording that has parameters of its own", f"'{record}' in {name}",
                                 "Declare it with --record, or name it under records.", tuple(self.records))
@@ -91,42 +92,42 @@ class Drive:
 
     @property
     def load(self) -> str:
-        """The body that recordings call the load: the last, but for one that diagnose has found behind it."""
-        return self.bodies[-2 if self.bodies[-1] == TIP else -1]
+        """The body that recordings call the load: the last, or the one before an end mass of diagnose."""
+        return self.bodies[-2 if self.bodies[-1] == END_MASS else -1]
 
-    def turns(self) -> list[float]:
-        """(n,) turns of the motor for one of each body."""
+    def gear_ratios(self) -> list[float]:
+        """(n,) gear ratios: turns of the motor per turn of each body."""
         ratios = [self.value(f"{shaft}.ratio") for shaft in self.shafts]
         return list(accumulate([1.0, *ratios], mul))
 
     def inertias(self) -> list[float]:
-        """(n,) what the torques of each body accelerate: inertias and the mass it carries; unknown is zero."""
+        """(n,) inertia of each body with added inertia and carried mass; an unknown one is zero."""
         return [(self.value(f"{b}.inertia") or 0.0) + self.value(f"{b}.added_inertia")
                 + self.value(f"{b}.carried_mass") * self.value(f"{b}.radius") ** 2 for b in self.bodies]
 
     @property
     def referred_inertia(self) -> float:
-        """Inertia of all bodies referred to the motor: behind a gear that turns n times slower it counts 1/n^2."""
-        return float(sum(j / n**2 for j, n in zip(self.inertias(), self.turns(), strict=True)))
+        """Inertia of all bodies referred to the motor: behind a reduction n it counts 1/n^2."""
+        return float(sum(j / n**2 for j, n in zip(self.inertias(), self.gear_ratios(), strict=True)))
 
-    def felt(self, suffix: str, bodies: Iterable[str] | None = None) -> float:
-        """Sum of a friction parameter over the bodies as it is felt at the motor; unknown ones count nothing."""
+    def referred_to_motor(self, suffix: str, bodies: Iterable[str] | None = None) -> float:
+        """Sum of a friction parameter over the bodies, referred to the motor; an unknown one counts as zero."""
         names = (f"{b}.{suffix}" for b in (self.bodies if bodies is None else bodies))
-        return float(sum((self.value(n) or 0.0) * self.felt_share(n) for n in names))
+        return float(sum((self.value(n) or 0.0) * self.referred_share(n) for n in names))
 
-    def felt_share(self, name: str) -> float:
-        """What the motor feels of one of a body's friction parameter behind its gears."""
+    def referred_share(self, name: str) -> float:
+        """Factor that refers a body's friction parameter to the motor."""
         body, suffix = name.split(".")
-        return self.turns()[self.bodies.index(body)] ** -GEARED[suffix]
+        return self.gear_ratios()[self.bodies.index(body)] ** -GEAR_RATIO_EXPONENTS[suffix]
 
     def parts(self, total: str, whole: float) -> dict[str, float]:
-        """The bodies' own parameters when a sum is shared out by rule."""
-        names, each = [f"{b}.{TOTALS[total]}" for b in self.bodies], shares(
-            TOTALS[total], self.inertias(), self.turns())
+        """The bodies' own parameters if a sum is distributed by the rule at TOTALS."""
+        names, each = [f"{b}.{TOTALS[total]}" for b in self.bodies], body_shares(
+            TOTALS[total], self.inertias(), self.gear_ratios())
         return {n: whole * s for n, s in zip(names, each, strict=True)}
 
-    def told(self, name: str) -> float | None:
-        """The value, that of a body's part by rule where only the sum is known, the neutral value, or None."""
+    def known_value(self, name: str) -> float | None:
+        """The value; else a body's part by rule if only the sum is known; else the neutral value, or None."""
         for total, suffix in TOTALS.items():
             if total in self.values and name not in self.values and name.endswith(f".{suffix}"):
                 return self.parts(total, self.values[total])[name]
@@ -162,15 +163,15 @@ class Drive:
 
     def require(self, names: Iterable[str], why: str) -> None:
         """Raise BadParameters unless all the names have a value."""
-        lacking = [n for n in names if self.value(n) is None]
-        if lacking:
+        missing = [n for n in names if self.value(n) is None]
+        if missing:
             raise BadParameters(
-                f"values of {', '.join(lacking)} for {why}",
+                f"values of {', '.join(missing)} for {why}",
                 f"only {', '.join(self.values)}" if self.values else "none",
                 "Run the step before this one and pass its file with --params, or use --set.")
 
 
-# Every trial point of a fit is a drive of its own, of the same bodies and shafts.
+# Cached, for every trial point of a fit is a new drive of the same bodies and shafts.
 @cache
 def _effects(bodies: tuple[str, ...], shafts: tuple[str, ...]) -> tuple[tuple[Effect, str, int], ...]:
     owners = {"body": bodies, "shaft": shafts, "motor": bodies[:1], "path": ("converter",), "sensor": ("sensor",),
@@ -194,7 +195,7 @@ def _quantities(bodies: tuple[str, ...], shafts: tuple[str, ...], known_torques:
 
 def shared(name: str) -> str:
     """The name of a parameter without the recording in which it has a value of its own."""
-    return name.partition(AT)[0]
+    return name.partition(RECORD_MARK)[0]
 
 
 def is_constant(name: str) -> bool:
@@ -202,17 +203,17 @@ def is_constant(name: str) -> bool:
     return shared(name).rpartition(".")[2] == torque_constant.NAME
 
 
-def shares(suffix: str, masses: Sequence[Number], turns: Sequence[Number]) -> list[Number]:
-    """(n,) each body's own parameter for a sum of one, felt at the motor; see TOTALS.
+def body_shares(suffix: str, masses: Sequence[Number], ratios: Sequence[Number]) -> list[Number]:
+    """(n,) each body's own parameter for a sum of one, referred to the motor; see TOTALS.
 
-    masses  (n,) what the bodies' torques accelerate
-    turns   (n,) of the motor for one of each body
+    masses  (n,) inertias of the bodies
+    ratios  (n,) gear ratios: turns of the motor per turn of each body
     """
     if suffix != "viscous":
-        return [0.0 * turns[0]] * (len(turns) - 1) + [1.0 * turns[-1]]
-    felt = [mass / n / n for mass, n in zip(masses, turns, strict=True)]
-    whole = sum(felt[1:], felt[0])
-    return [mass / whole for mass in masses]
+        return [0.0 * ratios[0]] * (len(ratios) - 1) + [1.0 * ratios[-1]]
+    referred = [mass / n / n for mass, n in zip(masses, ratios, strict=True)]
+    total = sum(referred[1:], referred[0])
+    return [mass / total for mass in masses]
 
 
 def one_body(torque_unit: str = "Nm", motion_unit: str = "rad", input_unit: str = "") -> Drive:

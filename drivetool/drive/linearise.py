@@ -1,7 +1,7 @@
 """The drive as a linear system: contact closed, no Coulomb friction.
 
-What a drive does for small motion about a load that keeps its gaps closed: state space,
-frequency response, resonances and anti-resonances.
+The drive for small motion about a load that keeps its gaps closed: state space, frequency response, resonances and
+anti-resonances.
 """
 
 from __future__ import annotations
@@ -17,18 +17,18 @@ from drivetool.drive.chain import Drive, shared
 from drivetool.drive.shaft_rows import damping_of
 from drivetool.errors import BadOption
 
-MOTOR = "motor_torque"
+MOTOR_TORQUE = "motor_torque"
 
 
 @dataclass(frozen=True)
 class Mode:
     """A resonance or anti-resonance from motor torque to motor speed.
 
-    kind           resonance: poles; anti-resonance: zeros, at which the motor stands still
+    kind           resonance: poles; anti-resonance: zeros, at which the motor is at rest
     frequency_hz   of the undamped drive, from stiffnesses and inertias alone
     damping_ratio  of the pair of poles or zeros; where the pair does not oscillate, that of the
                    undamped mode shape
-    damped_hz      frequency at which it rings; zero if it does not
+    damped_hz      frequency of its oscillation; zero if it does not oscillate
     """
 
     kind: Literal["resonance", "anti-resonance"]
@@ -37,34 +37,34 @@ class Mode:
     damped_hz: float
 
 
-def closed(drive: Drive) -> Drive:
+def linear_drive(drive: Drive) -> Drive:
     """The drive without gaps, Coulomb friction and dead time."""
-    gone = ("half_gap", "coulomb", "dead_time")
+    removed = ("half_gap", "coulomb", "dead_time")
     return replace(drive, values={
-        k: v for k, v in drive.values.items() if shared(k).rsplit(".", 1)[-1] not in gone})
+        k: v for k, v in drive.values.items() if shared(k).rsplit(".", 1)[-1] not in removed})
 
 
-def state_space(drive: Drive, inputs: Sequence[str] = (MOTOR,), outputs: Sequence[str] = ("motor_speed",),
+def state_space(drive: Drive, inputs: Sequence[str] = (MOTOR_TORQUE,), outputs: Sequence[str] = ("motor_speed",),
                 ) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
     """State space in continuous time, the converter included, the dead time not.
 
     inputs   roles; the load torque opposes the load's motion
     outputs  roles
     returns  (A (n, n), B (n, nu), C (ny, n), D (ny, nu)); states are the speeds, the twists, the
-             angle if an output asks for one, and the converter's torque and torque rate
+             angle if an output is one, and the converter's torque and torque rate
     raises   BadParameters: a value is missing, or a role that the drive does not have
     source   Tallfors 2005, (2.1), (2.3)
     """
-    others = tuple(role for role in inputs if role != MOTOR)
-    layout = Layout((), (MOTOR, *others), tuple(outputs), 1.0, gradient=False)
-    system = Assembly(closed(drive), layout).system()
-    flow = system.rows[:, :, 0] / system.mass[:, :1]
-    columns = [system.nx + (MOTOR, *others).index(role) for role in inputs]
-    return (flow[:, :system.nx], flow[:, columns], system.outputs[:, :, 0],
+    others = tuple(role for role in inputs if role != MOTOR_TORQUE)
+    layout = Layout((), (MOTOR_TORQUE, *others), tuple(outputs), 1.0, gradient=False)
+    system = Assembly(linear_drive(drive), layout).system()
+    a_matrix = system.rows[:, :, 0] / system.mass[:, :1]
+    columns = [system.nx + (MOTOR_TORQUE, *others).index(role) for role in inputs]
+    return (a_matrix[:, :system.nx], a_matrix[:, columns], system.outputs[:, :, 0],
             np.zeros((system.ny, len(columns))))
 
 
-def frequency_response(drive: Drive, frequencies_hz: np.ndarray, inputs: Sequence[str] = (MOTOR,),
+def frequency_response(drive: Drive, frequencies_hz: np.ndarray, inputs: Sequence[str] = (MOTOR_TORQUE,),
                        outputs: Sequence[str] = ("motor_speed",)) -> np.ndarray:
     """Frequency response, with converter and dead time.
 
@@ -79,31 +79,31 @@ def frequency_response(drive: Drive, frequencies_hz: np.ndarray, inputs: Sequenc
     a, b, c, d = state_space(drive, inputs, outputs)
     s = 2j * np.pi * frequencies_hz[:, None, None]
     response = c @ np.linalg.solve(s * np.eye(len(a)) - a, np.broadcast_to(b, (len(s), *b.shape))) + d
-    late = np.exp(-s[:, :, 0] * (drive.value("converter.dead_time") or 0.0))
+    delay_factor = np.exp(-s[:, :, 0] * (drive.value("converter.dead_time") or 0.0))
     for k, role in enumerate(inputs):
-        if role == MOTOR:
-            response[:, :, k] *= late
+        if role == MOTOR_TORQUE:
+            response[:, :, k] *= delay_factor
     return response
 
 
 def resonances(drive: Drive) -> list[Mode]:
     """Resonances and anti-resonances from motor torque to motor speed, by frequency.
 
-    A chain of n bodies has n - 1 of each. The converter has no part in them.
+    A chain of n bodies has n - 1 of each. The converter does not affect them.
 
     source  Tallfors 2005, sec. 2.1: sqrt(ks (Jm + Jl)/(Jm Jl)), cs/2 sqrt((Jm + Jl)/(ks Jm Jl))
             and sqrt(ks/Jl) for two masses
     """
     inertia, stiffness, damping = _matrices(drive)
     free = _modes("resonance", inertia, stiffness, damping)[1:]  # the first is the rigid body
-    # Zeros of a collocated response: what the rest of the chain does while the motor is held.
+    # Zeros of a collocated response: the modes of the rest of the chain while the motor is held.
     held = _modes("anti-resonance", inertia[1:], stiffness[1:, 1:], damping[1:, 1:])
     return sorted(free + held, key=lambda mode: mode.frequency_hz)
 
 
 def _matrices(drive: Drive) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Inertias (n,), stiffness (n, n) and damping (n, n) over the angles of the bodies."""
-    plain = Assembly(closed(drive), Layout((), (MOTOR,), (), 1.0, gradient=False))
+    plain = Assembly(linear_drive(drive), Layout((), (MOTOR_TORQUE,), (), 1.0, gradient=False))
     n = plain.n
     stiffness, damping = np.zeros((n, n)), np.zeros((n, n))
     for k, (ks, _, ratio) in enumerate(plain.shafts):
@@ -129,8 +129,8 @@ def _modes(kind, inertia: np.ndarray, stiffness: np.ndarray, damping: np.ndarray
     found = []
     for square, shape in zip(squares, shapes.T, strict=True):
         w = np.sqrt(max(square, 0.0))
-        spread = shape @ loss @ shape
-        zeta = spread / (2.0 * w) if w > 0.0 else np.inf
+        modal_damping = shape @ loss @ shape
+        zeta = modal_damping / (2.0 * w) if w > 0.0 else np.inf
         pole = min(ringing, key=lambda rate: abs(abs(rate) - w), default=None)
         rings = zeta < 1.0 and pole is not None
         if rings:

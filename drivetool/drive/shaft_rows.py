@@ -1,4 +1,4 @@
-"""What a shaft carries, as rows over the state: in contact, and whether or not it is."""
+"""The torque of a shaft as rows over the state: in contact, and independent of contact."""
 
 from __future__ import annotations
 
@@ -17,12 +17,12 @@ def damping_of(assembly: Assembly, shaft: int) -> Dual:
 
 
 def closed_shaft(assembly: Assembly, shaft: int) -> dict[int, Dual]:
-    """What a shaft carries in contact."""
+    """Torque of a shaft in contact."""
     return {assembly.n + shaft: assembly.shafts[shaft][0]} | _damper(assembly, shaft, damping_of(assembly, shaft))
 
 
-def lasting(assembly: Assembly, shaft: int) -> dict[int, Dual]:
-    """What a shaft carries whether or not it is in contact; all of it where there is no gap."""
+def always_transmitted(assembly: Assembly, shaft: int) -> dict[int, Dual]:
+    """Torque of a shaft independent of contact; all of it where there is no gap."""
     if shaft not in assembly.gaps:
         return closed_shaft(assembly, shaft)
     if assembly.drive.damping_law == "always":
@@ -32,7 +32,7 @@ def lasting(assembly: Assembly, shaft: int) -> dict[int, Dual]:
 
 
 def in_contact(assembly: Assembly, shaft: int, damped: bool) -> dict[int, Dual]:
-    """What a shaft carries in contact only: its spring, and its own damping if that is part of the contact."""
+    """Torque of a shaft in contact only: its spring, and its own damping if that is part of the contact."""
     found = {assembly.n + shaft: assembly.shafts[shaft][0]}
     return found | _damper(assembly, shaft, assembly.shafts[shaft][1]) if damped else found
 

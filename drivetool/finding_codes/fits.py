@@ -8,13 +8,15 @@ CODES = {
         "The motor reverses in the record. Coulomb friction then changes its sign, and the linear black-box model "
         "does not hold it.",
         "Use a record of one direction, or go on to `greybox`."),
-    "excitation-lines": Code(
+    "distortion-not-separable": Code(
         NOTE,
-        "The spectral lines of the excitation limit what the spectrum shows. In the gaps between them the "
-        "frequency response is not known; where they fill the whole band, nonlinear distortion cannot be "
-        "separated from the linear response.",
-        "Excite the missing lines if a resonance may lie there; for distortion excite odd lines only, leave some "
-        "of them out, or record several runs with other phases."),
+        "The periodic excitation fills every spectral line of its band. Nonlinear distortion repeats with the "
+        "period too, and cannot be separated from the linear response.",
+        "Excite odd lines only and leave some of them out, or record several runs with other phases."),
+    "excitation-gaps": Code(
+        NOTE,
+        "The excitation leaves gaps between its spectral lines. The frequency response is not known in them.",
+        "Excite the missing lines if a resonance may lie there."),
     "friction-from-prior": Code(
         NOTE,
         "The shaft torque was measured, and this record determines the friction of a body to no better than a "

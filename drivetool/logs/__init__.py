@@ -1,6 +1,6 @@
 """What was measured, as values: a recording as it was logged, and the experiment that every step gets.
 
-The roles of channels and their units say what its numbers mean. Its wings lead from a file to an experiment.
+The roles of channels and their units say what its numbers mean. Its packages lead from a file to an experiment.
 """
 
 import lazy_loader

@@ -14,15 +14,14 @@ from zlib import crc32
 import numpy as np
 
 from drivetool.errors import BadOption, BadRecording, Finding
-from drivetool.logs.grid import LIKE_STEP
+from drivetool.logs.grid import STEP_TOLERANCE
 from drivetool.logs.roles import quantity
 
 TorqueIs = Literal["command", "measurement", "unknown"]
 
 
-# A clock that counts from 1970 is beyond this since 2001; one that counts from when a machine was started gets here
-# in thirty years.
-SINCE_1970 = 1e9
+# Unix time exceeds this [s] since 2001; a clock that counts from the start of a machine reaches it in 32 years.
+MIN_UNIX_SECONDS = 1e9
 
 
 class Source(NamedTuple):
@@ -33,9 +32,9 @@ class Source(NamedTuple):
     began: str | None = None
 
 
-def began(start: float) -> str | None:
+def start_date(start: float) -> str | None:
     """Seconds of a log's clock as a date (UTC); None: they count from something else than 1970."""
-    if not SINCE_1970 < start < 10 * SINCE_1970:
+    if not MIN_UNIX_SECONDS < start < 10 * MIN_UNIX_SECONDS:
         return None
     return datetime.fromtimestamp(round(start, 6), UTC).isoformat(timespec="microseconds").replace("+00:00", "Z")
 
@@ -59,12 +58,12 @@ class Channel:
 class Recording:
     """A log file as it was: each channel on its own clock.
 
-    name      path as given, of an absolute one the file's name (see shown)
+    name      path as given, of an absolute one the file's name (see display_name)
     sha256    of the file, set by read_recording
-    channels  by name, those that were asked for; channels of one clock share its time array
+    channels  by name, the requested ones; channels of one clock share its time array
     findings  what the reader repaired or lost
-    origin    seconds on the log's clock at which the channels' times count from; apart from
-              them because 64-bit floats resolve the seconds since 1970 to 0.2 us only
+    origin    seconds on the log's clock from which the channels' times count; kept separately,
+              because 64-bit floats resolve the seconds since 1970 to 0.2 us only
     unreadable  topics or columns that are there but cannot be read -> why
     """
 
@@ -80,7 +79,7 @@ class Recording:
 class Experiment:
     """Signals by role on one uniform grid.
 
-    name         path as given, of an absolute one the file's name (see shown)
+    name         path as given, of an absolute one the file's name (see display_name)
     sha256       of the log file
     step         sample interval [s]
     start        time of the first sample on the log's clock [s]
@@ -94,7 +93,7 @@ class Experiment:
     magnitudes   roles whose sign is not in the log
     offset       time of the first sample after the start of the recording it is a part of [s]
     begins       whether it begins where its recording does: only there may a start state be known
-    others       what of the recording is at other rates, each on a grid of its own; see every_part
+    others       the parts of the recording at other rates, each on a grid of its own; see parts_at_all_rates
     """
 
     name: str
@@ -116,22 +115,22 @@ class Experiment:
     @property
     def source(self) -> Source:
         """The file that it came from."""
-        return Source(self.name, self.sha256, began(self.start - self.offset))
+        return Source(self.name, self.sha256, start_date(self.start - self.offset))
 
     @property
     def number(self) -> int:
-        """What tells recordings apart where only a number can be kept: a checksum; 0 without a file."""
-        return number_of(self.sha256)
+        """A checksum that distinguishes recordings where only a number can be stored; 0 without a file."""
+        return recording_number(self.sha256)
 
     @property
     def contents(self) -> tuple[str, str]:
-        """Checksums of the file, and of what is in it: that stays in another format, such as `convert` writes."""
+        """Checksums of the file, and of its contents, which stays in another format, such as `convert` writes."""
         units = self.torque_unit, self.motion_unit, *sorted(self.input_units.items())
-        told = sha256(repr((self.step, self.segments, *units)).encode())
+        digest = sha256(repr((self.step, self.segments, *units)).encode())
         for role in sorted(self.signals):
-            told.update(role.encode())
-            told.update(np.ascontiguousarray(self.signals[role] + 0.0))  # no negative zeros
-        return self.sha256, told.hexdigest()
+            digest.update(role.encode())
+            digest.update(np.ascontiguousarray(self.signals[role] + 0.0))  # no negative zeros
+        return self.sha256, digest.hexdigest()
 
     @property
     def size(self) -> int:
@@ -186,25 +185,26 @@ class Experiment:
             signals={role: values[i:j] for role, values in self.signals.items()})
 
 
-def every_part(experiments: Sequence[Experiment]) -> list[Experiment]:
-    """The recordings with what of them is at other rates, as experiments of their own in the order of time."""
+def parts_at_all_rates(experiments: Sequence[Experiment]) -> list[Experiment]:
+    """The recordings and their parts at other rates, as separate experiments in the order of time."""
     return [part for e in experiments
             for part in sorted((replace(e, others=()), *e.others), key=lambda part: part.start)]
 
 
-def of_one_rate(experiments: Sequence[Experiment]) -> list[list[int]]:
-    """The places of experiments whose sampling rates agree, together: what is per sample is alike for them."""
+def group_by_rate(experiments: Sequence[Experiment]) -> list[list[int]]:
+    """Indices of experiments, grouped by sampling rate: quantities per sample are comparable within a group."""
     found: list[list[int]] = []
     for i, e in enumerate(experiments):
-        near = next((group for group in found if abs(e.step / experiments[group[0]].step - 1.0) < LIKE_STEP), None)
-        if near is None:
+        group_of_rate = next((group for group in found
+                              if abs(e.step / experiments[group[0]].step - 1.0) < STEP_TOLERANCE), None)
+        if group_of_rate is None:
             found.append([i])
         else:
-            near.append(i)
+            group_of_rate.append(i)
     return found
 
 
-def sources(experiments: Sequence[Experiment]) -> tuple[Source, ...]:
+def recording_sources(experiments: Sequence[Experiment]) -> tuple[Source, ...]:
     """The files that they came from, each once."""
     found: dict[tuple[str, str], Source] = {}
     for e in experiments:
@@ -212,7 +212,7 @@ def sources(experiments: Sequence[Experiment]) -> tuple[Source, ...]:
     return tuple(found.values())
 
 
-def no_copies(experiments: Sequence[Experiment]) -> None:
+def refuse_copies(experiments: Sequence[Experiment]) -> None:
     """Raise BadOption where two recordings have one content: a copy is no repeat, and would count twice."""
     seen: dict[str, str] = {}
     for e in experiments:
@@ -223,17 +223,17 @@ def no_copies(experiments: Sequence[Experiment]) -> None:
         seen |= dict.fromkeys(e.contents, e.name)
 
 
-def shown(path: Path) -> str:
+def display_name(path: Path) -> str:
     """What results and messages call a recording: its path as given; of an absolute one, the file's name alone."""
     return path.name if path.is_absolute() else path.as_posix()
 
 
-def number_of(sha256: str) -> int:
+def recording_number(sha256: str) -> int:
     """The number by which a recording of that content is known."""
     return crc32(sha256.encode())
 
 
-def numbered(names: Sequence[str]) -> list[str]:
+def number_duplicates(names: Sequence[str]) -> list[str]:
     """Names with a number where two are the same, or a table would merge them."""
     many, seen, found = Counter(names), Counter(), []
     for name in names:

@@ -7,17 +7,17 @@ from itertools import pairwise
 
 import numpy as np
 
-# Samples this far apart still belong together. One or two lost samples are the everyday loss of a
-# logger, and a torque held that long is hardly wrong; across more the machine may have done anything.
+# Samples at most so many steps from each other belong to one segment. One or two lost samples are usual in a
+# logger, and a torque held that long is hardly wrong; across more the motion is unknown.
 BRIDGE_STEPS = 3.0
-# Half way to the next sample: from here on a stamp is another sample's, not a late one.
+# Half way to the next sample: beyond it, a stamp belongs to a later sample and is no late one.
 GAP_STEPS = BRIDGE_STEPS + 0.5
-# Time stamps within this share of a step count as uniform: a logger's own jitter.
-JITTER = 0.05
-# A step found this near to the median one is the same; jitter bends the median by a few per cent.
-LIKE_STEP = 0.1
-# Steps beyond this are damage; larger ones would overflow in what follows.
-MOST_STEPS = 1e12
+# Stamps within this share of a step count as uniform. A choice, above the jitter of loggers; more is resampled.
+JITTER_TOLERANCE = 0.05
+# Steps that differ by less than this share are equal: jitter changes the median by a few per cent.
+STEP_TOLERANCE = 0.1
+# Intervals of more steps are damage; larger ones would overflow as whole numbers.
+MAX_INTERVAL_STEPS = 1e12
 
 
 @dataclass(frozen=True)
@@ -62,17 +62,17 @@ def fit_grid(time: np.ndarray) -> Grid:
     """The uniform grid through the stamps (n,), n >= 2, strictly increasing.
 
     A sample's place is counted from the sample before it, so a clock that drifts slowly stays on
-    the grid. Uniform means: every interval within JITTER of whole steps, or every stamp within
-    JITTER of the straight line through its stretch. A stamp may be so late that it looks like the
+    the grid. Uniform means: every interval within JITTER_TOLERANCE of whole steps, or every stamp within
+    JITTER_TOLERANCE of the straight line through its stretch. A stamp may be so late that it looks like the
     sample after it: where stamps lie nearer to a line without any sample lost, none was. The step is
     the slope of that line, rounded to nine digits so that stamps stored as floats and as whole
     nanoseconds agree.
     """
-    intervals = np.minimum(np.diff(time) / median_step(time), MOST_STEPS)
+    intervals = np.minimum(np.diff(time) / median_step(time), MAX_INTERVAL_STEPS)
     whole = np.maximum(1, np.round(intervals)).astype(np.int64)
     is_gap = intervals > GAP_STEPS
     gaps = np.flatnonzero(is_gap)
-    whole = _unlost(time, whole, gaps)
+    whole = _steps_without_losses(time, whole, gaps)
     index = np.concatenate([[0], np.cumsum(whole)])
     stretches = [(t - t.mean(), i - i.mean()) for t, i in zip(
         np.split(time, gaps + 1), np.split(index.astype(float), gaps + 1), strict=True)]
@@ -84,25 +84,25 @@ def fit_grid(time: np.ndarray) -> Grid:
     from_whole = float(np.abs(intervals - whole)[~is_gap].max(initial=0.0))
     jitter = min(from_whole, from_line)
     lost = int(np.sum(whole[~is_gap] - 1))
-    return Grid(float(time[0]), step, index, jitter < JITTER, gaps, lost, jitter)
+    return Grid(float(time[0]), step, index, jitter < JITTER_TOLERANCE, gaps, lost, jitter)
 
 
-def _unlost(time: np.ndarray, whole: np.ndarray, gaps: np.ndarray) -> np.ndarray:
+def _steps_without_losses(time: np.ndarray, whole: np.ndarray, gaps: np.ndarray) -> np.ndarray:
     """(n - 1,) steps between the stamps (n,), one each in stretches that lie nearer to a line that way."""
     whole, usual = whole.copy(), median_step(time)
     edges = [0, *(gaps + 1).tolist(), len(time)]
     for a, b in pairwise(edges):
         inside = slice(a, b - 1)
         if b - a > 2 and np.any(whole[inside] > 1):
-            step, off = _line(time[a:b], np.arange(b - a))
+            step, distance = _fit_grid_line(time[a:b], np.arange(b - a))
             counted = np.concatenate([[0], np.cumsum(whole[inside])])
             # Every second sample lost is a line as well, of another step.
-            if abs(step / usual - 1.0) < LIKE_STEP and off < _line(time[a:b], counted)[1]:
+            if abs(step / usual - 1.0) < STEP_TOLERANCE and distance < _fit_grid_line(time[a:b], counted)[1]:
                 whole[inside] = 1
     return whole
 
 
-def _line(time: np.ndarray, index: np.ndarray) -> tuple[float, float]:
+def _fit_grid_line(time: np.ndarray, index: np.ndarray) -> tuple[float, float]:
     """Step of the line through stamps (n,) at places (n,) [s]; rms distance from it, in steps."""
     i = index - index.mean()
     t = time - time.mean()

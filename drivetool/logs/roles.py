@@ -9,7 +9,7 @@ from types import MappingProxyType
 from typing import Literal
 
 Quantity = Literal["torque", "speed", "angle", "voltage", "frequency"]
-MOTIONS = ("speed", "angle")
+MOTION_QUANTITIES = ("speed", "angle")
 Kind = Literal["input", "sensor", "reference"]
 
 
@@ -17,10 +17,10 @@ Kind = Literal["input", "sensor", "reference"]
 class Role:
     """What is measured or commanded there.
 
-    quantity  "torque" is Nm or N, of MOTORS also A, V or %; "speed" rad/s or m/s; "angle" rad or m;
+    quantity  "torque" is Nm or N, of MOTOR_TORQUES also A, V or %; "speed" rad/s or m/s; "angle" rad or m;
               "voltage" V; "frequency" Hz. Positive is forward
     kind      an input drives the model and stays until its next value; a sensor is compared with the model; a
-              reference is what the loop is asked for
+              reference is the setpoint of the loop
     meaning   in words
     """
 
@@ -55,32 +55,33 @@ ROLES: Mapping[str, Role] = MappingProxyType({
     "table_speed": Role("speed", "sensor", "speed of a table, for a drive with a body `table`; in m/s it may be "
                                            "behind a motor in rad/s"),
     "table_angle": Role("angle", "sensor", "angle or position of the table"),
-    "reference_torque": Role("torque", "reference", "torque that the loop is asked for, or an excitation that is "
+    "reference_torque": Role("torque", "reference", "torque setpoint of the control loop, or an excitation that is "
                                                     "added to the torque"),
-    "reference_speed": Role("speed", "reference", "speed that the loop is asked for"),
-    "reference_angle": Role("angle", "reference", "angle that the loop is asked for"),
+    "reference_speed": Role("speed", "reference", "speed setpoint of the control loop"),
+    "reference_angle": Role("angle", "reference", "angle setpoint of the control loop"),
 })
 INPUTS = tuple(name for name, role in ROLES.items() if role.kind == "input")
 # Torques that may be logged as what a motor is fed with: a current, a voltage, or a share in %. Value: its body.
-MOTORS = MappingProxyType({"motor_torque": "motor", "motor2_torque": "motor2", "reference_torque": "motor"})
+MOTOR_TORQUES = MappingProxyType({"motor_torque": "motor", "motor2_torque": "motor2", "reference_torque": "motor"})
 
 # Any further body or shaft of a drive, by its name there.
-FURTHER: Mapping[str, Role] = MappingProxyType({
+NAMED_ROLES: Mapping[str, Role] = MappingProxyType({
     "speed": Role("speed", "sensor", "speed of the body of that name"),
     "angle": Role("angle", "sensor", "angle or position of the body of that name"),
     "torque": Role("torque", "sensor",
                    "torque in the shaft of that name, positive where it drives what is behind it"),
 })
-PATTERN = rf"^[A-Za-z][A-Za-z0-9_]*_({'|'.join(FURTHER)})$"
+NAMED_ROLE_PATTERN = rf"^[A-Za-z][A-Za-z0-9_]*_({'|'.join(NAMED_ROLES)})$"
 # Every name that a role can have: those of the table that the pattern does not fit are listed.
-NAMES = "|".join((PATTERN, *(f"^{name}$" for name in ROLES if not re.match(PATTERN, name))))
+ROLE_NAME_PATTERN = "|".join((NAMED_ROLE_PATTERN,
+                              *(f"^{name}$" for name in ROLES if not re.match(NAMED_ROLE_PATTERN, name))))
 
 
 def role_of(name: str) -> Role | None:
     """The role of a name, that of a further body or shaft included; None: a name that no role can have."""
     if name in ROLES:
         return ROLES[name]
-    return FURTHER[name.rpartition("_")[2]] if re.match(PATTERN, name) else None
+    return NAMED_ROLES[name.rpartition("_")[2]] if re.match(NAMED_ROLE_PATTERN, name) else None
 
 
 def quantity(name: str) -> Quantity:
@@ -92,10 +93,10 @@ def quantity(name: str) -> Quantity:
 
 def is_motion(name: str) -> bool:
     """Whether a role is a speed or an angle."""
-    return quantity(name) in MOTIONS
+    return quantity(name) in MOTION_QUANTITIES
 
 
-def ordered(names: Iterable[str]) -> list[str]:
+def ordered_roles(names: Iterable[str]) -> list[str]:
     """Roles in the order of the table, further ones behind by name."""
     order = {name: i for i, name in enumerate(ROLES)}
     return sorted(names, key=lambda name: (order.get(name, len(order)), name))

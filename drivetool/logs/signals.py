@@ -12,12 +12,12 @@ class Signal:
     """A role's signal on its own clock.
 
     time, values  (n,) [s], and in the SI unit `si`; finite
-    without       (k,) stamps of rows or messages without a value [s]; they are no samples
+    empty_stamps  (k,) stamps of rows or messages without a value [s]; they are no samples
     broken        number of samples among them whose value is infinite or impossibly large
     """
 
     time: np.ndarray
     values: np.ndarray
     si: str
-    without: np.ndarray = field(default_factory=lambda: np.zeros(0))
-    broken: int = 0
+    empty_stamps: np.ndarray = field(default_factory=lambda: np.zeros(0))
+    invalid_count: int = 0

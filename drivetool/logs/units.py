@@ -16,7 +16,7 @@ PERCENT = "%"
 # unit -> (dimension, SI unit, factor, other spellings). A torque may be logged as a torque, a force
 # or a current and an angle as a length: the chain of inertias is the same. The input of a motor may
 # also be a voltage or a share in %.
-TABLE: dict[str, tuple[str, str, float, tuple[str, ...]]] = {
+UNIT_TABLE: dict[str, tuple[str, str, float, tuple[str, ...]]] = {
     "Nm": ("torque", "Nm", 1.0, ("N-m", "newtonmetre", "newtonmeter")),
     "mNm": ("torque", "Nm", 1e-3, ("mN-m",)),
     "kNm": ("torque", "Nm", 1e3, ("kN-m",)),
@@ -78,28 +78,29 @@ class Unit:
         return value if self.factor == 1.0 else value / self.factor
 
 
-def _normal(text: str) -> str:
+def _normalised(text: str) -> str:
     """The text without what people write differently: blanks, dots, stars, kinds of micro."""
     text = unicodedata.normalize("NFKC", text).strip()
     return "".join(c for c in text if c not in " *·⋅[]()").replace("−", "-")
 
 
-_KNOWN = {_normal(name): Unit(unit, dimension, si, factor)
-          for unit, (dimension, si, factor, others) in TABLE.items()
-          for name in (unit, *others)}
-# "N.m" is common, "p.u." too; a full stop elsewhere is a typing error worth an answer.
-_KNOWN |= {"N.m": _KNOWN["Nm"], "kN.m": _KNOWN["kNm"], "mN.m": _KNOWN["mNm"]}
+_UNIT_BY_SPELLING = {_normalised(name): Unit(unit, dimension, si, factor)
+                     for unit, (dimension, si, factor, others) in UNIT_TABLE.items()
+                     for name in (unit, *others)}
+# "N.m" is common, "p.u." too; a full stop elsewhere is a typing error that is reported.
+_UNIT_BY_SPELLING |= {"N.m": _UNIT_BY_SPELLING["Nm"], "kN.m": _UNIT_BY_SPELLING["kNm"],
+                      "mN.m": _UNIT_BY_SPELLING["mNm"]}
 
 
 def units_for(dimension: str) -> tuple[str, ...]:
     """The units a role of this dimension takes; a signal may also be a share of its rated value.
 
-    A volt is listed under torque, since it may feed a motor; as a voltage it is one.
+    A volt is listed under torque, since it may be the input of a motor; as a voltage it is a volt.
     """
     if dimension == "voltage":
-        return tuple(name for name, (kind, si, *_) in TABLE.items() if si == "V" or kind == RELATIVE)
+        return tuple(name for name, (kind, si, *_) in UNIT_TABLE.items() if si == "V" or kind == RELATIVE)
     more = {"time": (), "angle": (RELATIVE, COUNTS)}.get(dimension, (RELATIVE,))
-    return tuple(name for name, (kind, *_) in TABLE.items() if kind in (dimension, *more))
+    return tuple(name for name, (kind, *_) in UNIT_TABLE.items() if kind in (dimension, *more))
 
 
 def parse_unit(text: str | None, dimension: str, where: str,
@@ -116,10 +117,10 @@ def parse_unit(text: str | None, dimension: str, where: str,
     wanted = f"a unit of {dimension} for {where}"
     if text is None or not text.strip():
         raise error(wanted, "none", "Write `unit:` for it in the channel map.", takes)
-    unit = _KNOWN.get(_normal(text))
+    unit = _UNIT_BY_SPELLING.get(_normalised(text))
     if unit is None:
         lower = {name.lower(): name for name in takes}
-        close = difflib.get_close_matches(_normal(text).lower(), lower, n=1, cutoff=0.5)
+        close = difflib.get_close_matches(_normalised(text).lower(), lower, n=1, cutoff=0.5)
         hint = f"Did you mean '{lower[close[0]]}'?" if close else "Use one of the units listed."
         raise error(wanted, f"the unknown unit '{text}'", hint, takes)
     if unit.text not in takes:

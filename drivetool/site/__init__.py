@@ -1,7 +1,7 @@
-"""Many recordings of many machines: takes a site file and the command line that does its steps, and gives results,
+"""Many recordings of many machines: takes a site file and the command line that runs its steps, and gives results,
 summary, trends, verdicts and a page.
 
-What is done stays done.
+A later run repeats only what has changed.
 """
 
 import lazy_loader

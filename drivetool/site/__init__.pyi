@@ -1,2 +1,2 @@
-from .asked import Asked as Asked, CommandLine as CommandLine
 from .batch import run as run
+from .batch_request import BatchRequest as BatchRequest, CommandLine as CommandLine

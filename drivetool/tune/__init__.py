@@ -1,6 +1,6 @@
-"""An identified drive, its covariance and what is asked of the loop come in.
+"""Takes an identified drive, its covariance and the requirements on the loop.
 
-Gains go out, with criterion, margins, their spread, remarks, and the values that pictures show.
+Gives gains with criterion, margins, their spread, remarks, and the data of the pictures.
 """
 
 import lazy_loader

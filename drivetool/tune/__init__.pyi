@@ -2,7 +2,7 @@ from .design import tune as tune
 from .gains import Design as Design, Gains as Gains, Ratings as Ratings, TuneOptions as TuneOptions
 from .pictures import (
     Frequencies as Frequencies,
-    Hunting as Hunting,
+    LimitCyclePlotData as LimitCyclePlotData,
     LoadStep as LoadStep,
     Plane as Plane,
     SpreadPicture as SpreadPicture,

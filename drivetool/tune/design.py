@@ -13,35 +13,36 @@ from drivetool.tune import remarks
 from drivetool.tune.gains import Design, Gains, TuneOptions
 from drivetool.tune.optimisation import (
     Draws,
-    Found,
-    Limits,
-    Task,
-    allowed,
-    check_finite,
-    draw,
+    Optimum,
+    TuneLimits,
+    TuningProblem,
+    allowed_gains,
+    check_gain_is_limited,
+    draw_drives,
     factors,
-    joint,
+    grid_shapes,
+    joint_covariance,
     lowest_sensitivity,
     optimum,
     robust_optimum,
-    shapes_of,
-    share_kept,
-    spread,
-    study,
-    task,
+    share_within_limit,
+    spread_of_figures,
+    tuning_problem,
+    variation_study,
 )
 from drivetool.tune.pictures import pictures
-from drivetool.tune.simulation import has_gap, safe_gain, watch
+from drivetool.tune.simulation import has_gap, kick_responses, safe_gain
 from drivetool.tune.speed_loop import Configuration, Wiring, build, check_wiring, margins, max_sensitivity
 
-FRESH = 7919  # added to the seed for draws that a robust design has not seen
+# Added to the seed for draws on which a robust design is validated. Any number but 0: a prime far from usual seeds.
+FRESH_DRAWS_SEED = 7919
 
 
 def tune(drive: Drive, options: TuneOptions, draw_pictures: bool = False) -> Gains:
     """The best settings of a speed controller for steps of load torque.
 
     drive          identified; inertias and stiffnesses known
-    draw_pictures  whether exhibits are worked out, which takes longer than the design
+    draw_pictures  whether the data of the pictures are computed, which takes longer than the design
     returns        Gains with one Design per configuration
     raises         BadParameters: a value is missing, nothing limits the gain, a configuration that
                    does not fit the drive; BadOption: limits that no settings keep
@@ -55,25 +56,27 @@ def tune(drive: Drive, options: TuneOptions, draw_pictures: bool = False) -> Gai
     if options.confidence is not None and not 0.0 < options.confidence < 1.0:
         raise BadOption("a confidence between 0 and 1", f"{options.confidence:g}", "Write for example 0.95.")
     drive.require(drive.missing(), "a controller")
-    chosen, notes = wirings(drive, options)
+    chosen, notes = wirings_to_tune(drive, options)
     known = ("load_speed", "motor_speed", *(f"{motor}_torque" for motor in chosen[0].motors))
     for name in options.criterion.weights:
         if name not in known:
             raise BadOption("weights of signals of this drive", f"'{name}'", nearest(name, known), known)
-    covariance = joint(drive, options.known, options.stds)
-    draws = draw(drive, covariance, options.draws, options.seed) if covariance else None
+    covariance = joint_covariance(drive, options.known, options.stds)
+    draws = draw_drives(drive, covariance, options.draws, options.seed) if covariance else None
     if options.confidence is not None and draws is None:
         raise BadParameters("standard deviations or a covariance for a design with --confidence",
                             "none in the parameter file", "Use a file that an estimator wrote, or leave it out.")
-    designs = tuple(_design(drive, wiring, options, draws) for wiring in counted("designs", chosen, len(chosen)))
-    findings = (*notes, *remarks.of_loop(drive, options), *remarks.uncertainty(drive, options, covariance, draws),
-                *(f for each in designs for f in remarks.of_design(drive, each, options)))
-    gains = Gains(drive, designs, options, remarks.outcome(drive, designs, options), findings)
+    designs = tuple(_tune_configuration(drive, wiring, options, draws)
+                    for wiring in counted("designs", chosen, len(chosen)))
+    findings = (*notes, *remarks.loop_findings(drive, options),
+                *remarks.spread_findings(drive, options, covariance, draws),
+                *(f for each in designs for f in remarks.design_findings(drive, each, options)))
+    gains = Gains(drive, designs, options, remarks.outcome_sentence(drive, designs, options), findings)
     return replace(gains, exhibits=pictures(gains, draws)) if draw_pictures else gains
 
 
-def wirings(drive: Drive, options: TuneOptions) -> tuple[tuple[Wiring, ...], tuple[Finding, ...]]:
-    """The configurations to design, and what had to be left out."""
+def wirings_to_tune(drive: Drive, options: TuneOptions) -> tuple[tuple[Wiring, ...], tuple[Finding, ...]]:
+    """The configurations to design, and findings on those left out."""
     motors = options.motors or tuple(
         b for k, b in enumerate(drive.bodies) if k == 0 or (b.startswith("motor") and k < len(drive.bodies) - 1))
     wanted: tuple[Configuration, ...] = options.configurations or (
@@ -87,38 +90,39 @@ def wirings(drive: Drive, options: TuneOptions) -> tuple[tuple[Wiring, ...], tup
                 "Name its channel as role shaft_torque in a channel map and give it with --map, "
                 "or leave mimo out.")
         wanted = tuple(each for each in wanted if each != "mimo")
-        notes = (remarks.mimo_left_out(),)
+        notes = (remarks.mimo_left_out_finding(),)
     found = tuple(Wiring(each, motors, options.speed_filter, options.dead_time, options.speed) for each in wanted)
     for wiring in found:
         check_wiring(drive, wiring)
     return found, notes
 
 
-def _design(drive: Drive, wiring: Wiring, options: TuneOptions, draws: Draws | None) -> Design:
-    """The optimum of one configuration and everything that is said about it."""
+def _tune_configuration(drive: Drive, wiring: Wiring, options: TuneOptions, draws: Draws | None) -> Design:
+    """The optimum of one configuration with all its figures."""
     loop = build(drive, wiring)
-    nominal = task(loop, options.criterion, options.limits)
-    check_finite(nominal)
+    nominal = tuning_problem(loop, options.criterion, options.limits)
+    check_gain_is_limited(nominal)
     if options.confidence is None or draws is None:
         found = optimum(nominal)
     else:
         found = robust_optimum(nominal, draws, options.confidence)
     if found is None:
-        raise _infeasible(nominal, options, draws)
+        raise _infeasible_error(nominal, options, draws)
     settings = found.settings
-    kept = None
+    fresh_share = None
     if options.confidence is not None and draws is not None:
-        covariance = joint(drive, options.known, options.stds)
-        kept = share_kept(draw(drive, covariance, options.draws, options.seed + FRESH), nominal, settings)
+        covariance = joint_covariance(drive, options.known, options.stds)
+        fresh_share = share_within_limit(
+            draw_drives(drive, covariance, options.draws, options.seed + FRESH_DRAWS_SEED), nominal, settings)
     return Design(
-        wiring, settings, found.value, _active(nominal, found, options), factors(loop, settings),
-        margins(nominal.plant, settings), study(drive, wiring, settings),
-        spread(draws, wiring, settings, options.limits.sensitivity) if draws else None, kept,
-        watch(loop, settings), safe_gain(loop, settings) if has_gap(drive) else None)
+        wiring, settings, found.value, _active_limit(nominal, found, options), factors(loop, settings),
+        margins(nominal.plant, settings), variation_study(drive, wiring, settings),
+        spread_of_figures(draws, wiring, settings, options.limits.sensitivity) if draws else None, fresh_share,
+        kick_responses(loop, settings), safe_gain(loop, settings) if has_gap(drive) else None)
 
 
-def _active(nominal: Task, found: Found, options: TuneOptions) -> str:
-    """What holds the optimum where it is."""
+def _active_limit(nominal: TuningProblem, found: Optimum, options: TuneOptions) -> str:
+    """The active limit at the optimum."""
     if found.settings.gain >= options.limits.gain * (1.0 - 1e-6):
         return "gain"
     if max_sensitivity(nominal.plant, found.settings)[0] >= options.limits.sensitivity * (1.0 - 1e-4):
@@ -126,10 +130,10 @@ def _active(nominal: Task, found: Found, options: TuneOptions) -> str:
     return "nothing" if options.confidence is None else "confidence"
 
 
-def _infeasible(nominal: Task, options: TuneOptions, draws: Draws | None) -> BadOption:
-    """Which limit cannot be kept, and the nearest that can."""
+def _infeasible_error(nominal: TuningProblem, options: TuneOptions, draws: Draws | None) -> BadOption:
+    """The error that names the limit that cannot be kept, and the nearest one that can."""
     limits = options.limits
-    free = replace(nominal, limits=Limits(limits.sensitivity))
+    free = replace(nominal, limits=TuneLimits(limits.sensitivity))
     if np.isfinite(limits.gain) and (found := _least_gain(free)) is not None:
         return BadOption(
             f"settings with Kp up to {limits.gain:g} and Ms up to {limits.sensitivity:g}",
@@ -138,7 +142,7 @@ def _infeasible(nominal: Task, options: TuneOptions, draws: Draws | None) -> Bad
     lowest = lowest_sensitivity(free)
     if lowest > limits.sensitivity:
         return BadOption(
-            f"settings with Ms up to {limits.sensitivity:g}", f"none; the nearest that some keep is {lowest:.3g}",
+            f"settings with Ms up to {limits.sensitivity:g}", f"none; the lowest that can be kept is {lowest:.3g}",
             f"Give --max-sensitivity {lowest * 1.005:.3g} or more, or shorten the lags in the loop.")
     for wider in (1.1, 1.25, 1.5, 2.0, 3.0, 5.0):
         limit = 1.0 + (limits.sensitivity - 1.0) * wider
@@ -153,7 +157,7 @@ def _infeasible(nominal: Task, options: TuneOptions, draws: Draws | None) -> Bad
         f"none, nor up to {limit:.3g}", "The parameters are too uncertain; identify the drive more closely.")
 
 
-def _least_gain(free: Task) -> float | None:
-    """The least gain that the sensitivity limit allows at any integral time."""
-    ends = [allowed(free, *shape) for shape in shapes_of(free)]
+def _least_gain(free: TuningProblem) -> float | None:
+    """The smallest gain that the sensitivity limit allows at any integral time."""
+    ends = [allowed_gains(free, *shape) for shape in grid_shapes(free)]
     return min((float(each[0, 0]) for each in ends if len(each)), default=None)

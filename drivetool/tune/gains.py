@@ -1,4 +1,4 @@
-"""What tune is asked and what it returns."""
+"""The options and the result of tune."""
 
 from __future__ import annotations
 
@@ -8,8 +8,8 @@ from dataclasses import dataclass, field
 from drivetool.drive import Drive
 from drivetool.errors import Finding
 from drivetool.identify.estimate import Covariance
-from drivetool.tune.optimisation import Criterion, Factors, Limits, Spread, Variation
-from drivetool.tune.simulation import Watch
+from drivetool.tune.optimisation import Criterion, Factors, FigureSpread, TuneLimits, Variation
+from drivetool.tune.simulation import KickResponse
 from drivetool.tune.speed_loop import Configuration, DeadTimeForm, Margins, Settings, Wiring
 
 
@@ -23,10 +23,10 @@ class Ratings:
 
 @dataclass(frozen=True)
 class TuneOptions:
-    """What the settings have to do.
+    """The requirements on the settings.
 
-    criterion        what is minimised; limits: what must hold
-    configurations   wanted; None: siso for one motor, for two all that can be built
+    criterion        minimised; limits: constraints
+    configurations   requested; None: siso for one motor, for two all that are possible
     motors           driven bodies; None: those whose name begins with motor
     speed_filter     of the controller, behind the sensor's own filter [s]
     speed            of the first motor at the working point [drive's unit]
@@ -39,7 +39,7 @@ class TuneOptions:
     """
 
     criterion: Criterion = field(default_factory=Criterion)
-    limits: Limits = field(default_factory=Limits)
+    limits: TuneLimits = field(default_factory=TuneLimits)
     configurations: tuple[Configuration, ...] | None = None
     motors: tuple[str, ...] | None = None
     speed_filter: float = 0.0
@@ -56,14 +56,14 @@ class TuneOptions:
 
 @dataclass(frozen=True)
 class Design:
-    """One controller with what it does.
+    """One controller and its figures.
 
     value       of the criterion, for a unit step of load torque
-    active      what the optimum rests on: sensitivity, gain, confidence, or nothing (interior)
+    active      active limit at the optimum: sensitivity, gain, confidence, or nothing (interior)
     spread      None where no parameter has an uncertainty
     kept        share of fresh draws in which the limit holds; None without a robust design
-    watches     situations in which the nonlinear drive was kicked; empty if it is linear
-    safe_gain   largest Kp, at this Ti, that is stable at every stiffness a gap can pretend to; None
+    watches     simulated kicks of the nonlinear drive, one per load state; empty if it is linear
+    safe_gain   largest Kp, at this Ti, that is stable at every effective stiffness of a gap; None
                 if there is no gap or the gain is below it
     """
 
@@ -74,9 +74,9 @@ class Design:
     factors: Factors
     margins: Margins
     variations: tuple[Variation, ...]
-    spread: Spread | None = None
+    spread: FigureSpread | None = None
     kept: float | None = None
-    watches: tuple[Watch, ...] = ()
+    watches: tuple[KickResponse, ...] = ()
     safe_gain: float | None = None
 
 
@@ -96,5 +96,5 @@ class Gains:
 
     @property
     def best(self) -> Design:
-        """The design with the least criterion."""
+        """The design with the smallest criterion."""
         return min(self.designs, key=lambda each: each.value)

@@ -1,4 +1,4 @@
-"""What the pictures of tune show; files/figures/tune_figures.py draws it."""
+"""The data of the pictures of tune; files/figures/tune_figures.py draws them."""
 
 from __future__ import annotations
 
@@ -8,16 +8,17 @@ from dataclasses import dataclass
 import numpy as np
 
 from drivetool.tune.gains import Design, Gains
-from drivetool.tune.optimisation import Draws, Spread, impact_drops, signals, values
-from drivetool.tune.simulation import Watch
-from drivetool.tune.speed_loop import Loop, Plant, build, plant, refined
+from drivetool.tune.optimisation import Draws, FigureSpread, criterion_values, impact_drops, signals
+from drivetool.tune.simulation import KickResponse
+from drivetool.tune.speed_loop import Loop, Plant, build, plant, with_fine_peaks
 
-POINTS = 72  # per axis of a plane
+# Of a plane, over a factor of 64. A choice: finer contours cost time with the square of it.
+POINTS_PER_AXIS = 72
 
 
 @dataclass(frozen=True)
 class Plane:
-    """Figures over integral time and gain, both in equal ratios; infinite where the loop is unstable.
+    """Figures over integral time and gain on logarithmic axes; infinite where the loop is unstable.
 
     kind      criterion-plane or impact-drop-plane
     panels    title -> (gains, times) values, one panel each
@@ -71,68 +72,69 @@ class SpreadPicture:
 
     kind: str
     title: str
-    spread: Spread
+    spread: FigureSpread
     nominal: Mapping[str, float]
     units: Mapping[str, str]
     limit: float
 
 
 @dataclass(frozen=True)
-class Hunting:
-    """The kicked nonlinear drive; half_gap of the last shaft, zero if it has none."""
+class LimitCyclePlotData:
+    """The nonlinear drive after kicks; half_gap of the last shaft, zero if it has none."""
 
     kind: str
     title: str
-    watches: tuple[Watch, ...]
+    watches: tuple[KickResponse, ...]
     speed_unit: str
     torque_unit: str
     half_gap: float
 
 
 def pictures(gains: Gains, draws: Draws | None) -> tuple[object, ...]:
-    """Everything worth drawing of every design."""
+    """The data of all pictures of all designs."""
     found: list[object] = []
-    many = len(gains.designs) > 1
+    several = len(gains.designs) > 1
     for design in gains.designs:
-        name = design.wiring.configuration if many else ""
-        tag = f"{name}-" if many else ""
-        of = f"{name}: " if many else ""
+        name = design.wiring.configuration if several else ""
+        prefix = f"{name}-" if several else ""
+        heading = f"{name}: " if several else ""
         loop = build(gains.drive, design.wiring)
-        own = plant(gains.drive, design.wiring)
-        found += planes(gains, design, loop, own, tag, of)
-        found.append(frequencies("nichols", tag, f"{of}Nichols chart: the loop and its published variations",
-                                 gains, design))
-        found.append(frequencies("sensitivity", tag, f"{of}Sensitivity: what the loop makes of a disturbance",
-                                 gains, design))
+        own_plant = plant(gains.drive, design.wiring)
+        found += planes(gains, design, loop, own_plant, prefix, heading)
+        found.append(frequencies(
+            "nichols", prefix, f"{heading}Nichols chart: the loop and its published variations", gains, design))
+        found.append(frequencies(
+            "sensitivity", prefix, f"{heading}Sensitivity: what the loop makes of a disturbance", gains, design))
         if design.spread:
-            found.append(_spread(gains, design, tag, of))
+            found.append(_spread_picture(gains, design, prefix, heading))
         if design.watches:
-            found.append(Hunting(f"{tag}hunting", f"{of}The loop around the whole drive, kicked", design.watches,
-                                 f"{gains.drive.motion_unit}/s", gains.drive.torque_unit,
+            found.append(LimitCyclePlotData(f"{prefix}hunting", f"{heading}The loop around the whole drive, kicked",
+                                 design.watches, f"{gains.drive.motion_unit}/s", gains.drive.torque_unit,
                                  gains.drive.value(f"{gains.drive.shafts[-1]}.half_gap") or 0.0))
     found.insert(0, load_step(gains, draws))
     return tuple(found)
 
 
-def planes(gains: Gains, design: Design, loop: Loop, own: Plant, tag: str, of: str) -> list[Plane]:
+def planes(gains: Gains, design: Design, loop: Loop, own_plant: Plant, prefix: str, heading: str) -> list[Plane]:
     """The criterion, and both impact drops, over Ti and Kp around the optimum."""
     options, best = gains.options, design.settings
-    times = best.integral_time * np.geomspace(1.0 / 8.0, 8.0, POINTS)
-    kps = best.gain * np.geomspace(1.0 / 8.0, 8.0, POINTS)
+    times = best.integral_time * np.geomspace(1.0 / 8.0, 8.0, POINTS_PER_AXIS)
+    kps = best.gain * np.geomspace(1.0 / 8.0, 8.0, POINTS_PER_AXIS)
     ti, kp = (grid.ravel() for grid in np.meshgrid(times, kps))
     second = np.full_like(ti, best.second)
-    shape = (POINTS, POINTS)
-    ms = sensitivities(own, times, kps, best.second)
-    cost = values(loop, options.criterion, kp, ti, second).reshape(shape)
+    shape = (POINTS_PER_AXIS, POINTS_PER_AXIS)
+    ms = sensitivities(own_plant, times, kps, best.second)
+    cost = criterion_values(loop, options.criterion, kp, ti, second).reshape(shape)
     ms = np.where(np.isfinite(cost), ms, np.inf)
     drops = impact_drops(loop, ["motor_speed", "load_speed"], kp, ti, second).reshape(*shape, 2)
     unit = f"{gains.drive.torque_unit} s/{gains.drive.motion_unit}"
     at, limit = (best.integral_time, best.gain), options.limits.sensitivity
     drop_unit = f"[{gains.drive.motion_unit}/{gains.drive.torque_unit}]"
     return [
-        Plane(f"{tag}criterion-plane", f"{of}{options.criterion.name} of the load speed for a unit load step",
+        Plane(f"{prefix}criterion-plane",
+              f"{heading}{options.criterion.name} of the load speed for a unit load step",
               times, kps, unit, {options.criterion.name: cost}, ms, at, limit),
-        Plane(f"{tag}impact-drop-plane", f"{of}Impact drop {drop_unit}", times, kps, unit,
+        Plane(f"{prefix}impact-drop-plane", f"{heading}Impact drop {drop_unit}", times, kps, unit,
               {"motor speed": drops[..., 0], "load speed": drops[..., 1]}, ms, at, limit)]
 
 
@@ -145,7 +147,7 @@ def sensitivities(own: Plant, times: np.ndarray, kps: np.ndarray, second: float)
 
 
 def load_step(gains: Gains, draws: Draws | None) -> LoadStep:
-    """Speeds and torques; per unit where the drive is rated, else for a unit step."""
+    """Speeds and torques; per unit with ratings, else for a unit step."""
     drive, ratings = gains.drive, gains.options.ratings
     torque, speed = (ratings.torque, ratings.speed / 100.0) if ratings else (1.0, 1.0)
     end = 1.3 * max(max(d.factors.load.settling_time, d.factors.motor.settling_time) for d in gains.designs)
@@ -163,7 +165,7 @@ def load_step(gains: Gains, draws: Draws | None) -> LoadStep:
             label = f"{name}{motor} torque" + (" (each)" if len(design.wiring.motors) > len(kinds) else "")
             torques[label] = (time, found[f"{motor}_torque"].at(time) * (100.0 if ratings else 1.0))
         if draws and len(gains.designs) == 1:
-            bands["load speed"] = _band(draws, design, time, torque / speed)
+            bands["load speed"] = _load_speed_band(draws, design, time, torque / speed)
     step = "the rated torque" if ratings else f"1 {drive.torque_unit}"
     return LoadStep(
         "load-step", f"A load-torque step of {step}",
@@ -172,8 +174,8 @@ def load_step(gains: Gains, draws: Draws | None) -> LoadStep:
         speeds, torques, bands)
 
 
-def _band(draws: Draws, design: Design, time: np.ndarray, scale: float) -> tuple[np.ndarray, ...]:
-    """Between which the load speed lies in 90 % of the draws."""
+def _load_speed_band(draws: Draws, design: Design, time: np.ndarray, scale: float) -> tuple[np.ndarray, ...]:
+    """Bounds of the load speed in 90 % of the draws."""
     found = []
     for drive in draws.drives:
         speed = signals(build(drive, design.wiring), design.settings, ["load_speed"])["load_speed"]
@@ -191,16 +193,16 @@ def frequencies(kind: str, tag: str, title: str, gains: Gains, design: Design) -
 
 def loop_curve(own: Plant, design: Design) -> tuple[np.ndarray, np.ndarray]:
     """(frequency [Hz], L)."""
-    fine = refined(own, design.settings)
+    fine = with_fine_peaks(own, design.settings)
     return fine.w / (2.0 * np.pi), fine.loop_gain(design.settings)
 
 
-def _spread(gains: Gains, design: Design, tag: str, of: str) -> SpreadPicture:
+def _spread_picture(gains: Gains, design: Design, prefix: str, heading: str) -> SpreadPicture:
     nominal = {"max_sensitivity": design.margins.max_sensitivity, "impact_drop": design.factors.load.impact_drop,
                "overshoot": design.factors.load.overshoot}
     units = {"max_sensitivity": "Ms", "overshoot": "overshoot of the load speed [%]",
              "impact_drop": f"impact drop of the load speed [{gains.drive.motion_unit}/{gains.drive.torque_unit}]"}
-    return SpreadPicture(f"{tag}spread", f"{of}The same settings on the drives that the uncertainty allows",
+    return SpreadPicture(f"{prefix}spread", f"{heading}The same settings on the drives that the uncertainty allows",
                          design.spread, nominal, units, gains.options.limits.sensitivity)
 
 

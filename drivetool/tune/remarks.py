@@ -1,4 +1,4 @@
-"""What tune has to say about its result, in sentences."""
+"""Findings on a result of tune, in sentences."""
 
 from __future__ import annotations
 
@@ -10,24 +10,24 @@ from drivetool.errors import Finding
 from drivetool.identify.estimate import Covariance
 from drivetool.tune.gains import Design, TuneOptions
 from drivetool.tune.optimisation import Draws
-from drivetool.tune.speed_loop import FLAT, acting, left_out
+from drivetool.tune.speed_loop import FLAT_AT_STANDSTILL, acting_effects, left_out_parameters
 
-SLIGHT = 1.03  # times the limit in 95 % of the draws: nothing to worry about
-MATTERS = ("inertia", "stiffness", "damping", "dead_time", "bandwidth")  # suffixes that shape a loop
+SLIGHT_MS_EXCESS = 1.03  # times the limit, in 95 % of the draws. A choice: less changes no margin noticeably.
+LOOP_SUFFIXES = ("inertia", "stiffness", "damping", "dead_time", "bandwidth")  # suffixes that shape a loop
 
 
-def outcome(drive: Drive, designs: Sequence[Design], options: TuneOptions) -> str:
-    """One sentence: the settings, what they reach and what holds them."""
+def outcome_sentence(drive: Drive, designs: Sequence[Design], options: TuneOptions) -> str:
+    """One sentence: the settings, the criterion and the active limit."""
     best = min(designs, key=lambda each: each.value)
     limit = options.limits.sensitivity
-    held = {
+    active_limit = {
         "sensitivity": f"the Ms limit {limit:g} is active", "gain": "the gain limit is active",
         "confidence": f"Ms stays within {limit:g} in {100 * (options.confidence or 0):g} % of the draws",
         "nothing": f"Ms {best.margins.max_sensitivity:.3g}, the limit {limit:g} is not active"}[best.active]
     unit = gain_unit(drive)
     name = f"{best.wiring.configuration}: " if len(designs) > 1 else ""
     return (f"{name}Kp {best.settings.gain:.5g} {unit}, Ti {1e3 * best.settings.integral_time:.4g} ms minimise "
-            f"{options.criterion.name}; {held}.")
+            f"{options.criterion.name}; {active_limit}.")
 
 
 def gain_unit(drive: Drive) -> str:
@@ -35,28 +35,28 @@ def gain_unit(drive: Drive) -> str:
     return f"{drive.torque_unit} s/{drive.motion_unit}"
 
 
-def mimo_left_out() -> Finding:
-    """Why one of three configurations is missing."""
-    return Finding("note", "mimo-left-out",
+def mimo_left_out_finding() -> Finding:
+    """The finding that the mimo configuration is left out."""
+    return Finding("note", "shaft-feedback-not-evaluated",
                    "The configuration with shaft-torque feedback was left out, as no shaft torque is measured.",
                    {}, "Name its channel as shaft_torque in a channel map and give it with --map.")
 
 
-def of_loop(drive: Drive, options: TuneOptions) -> list[Finding]:
-    """What of the drive is not in the loop, or is there in a way that a person may not expect."""
+def loop_findings(drive: Drive, options: TuneOptions) -> list[Finding]:
+    """Effects of the drive that are not in the loop, or are there in an unexpected way."""
     found = []
-    if reasons := left_out(drive):
+    if reasons := left_out_parameters(drive):
         named = "; ".join(f"{', '.join(names)} ({reason})" for reason, names in reasons.items())
         found.append(Finding(
             "note", "not-in-loop", f"The loop leaves out {named}.",
             {"parameters": sum(map(len, reasons.values()))},
-            "Where one matters to the controller, give what it comes to with --set."))
-    codes = acting(drive)
-    flat = [name for code in FLAT for name in codes.get(code, ())]
+            "If one matters to the controller, give its equivalent value with --set."))
+    codes = acting_effects(drive)
+    flat = [name for code in FLAT_AT_STANDSTILL for name in codes.get(code, ())]
     if flat and options.speed == 0.0:
         falls = "stribeck" in codes
         found.append(Finding(
-            "warning" if falls else "note", "friction-at-standstill",
+            "warning" if falls else "note", "friction-linearised",
             f"{', '.join(flat)} {'have' if len(flat) > 1 else 'has'} no slope at the working point, which is slow "
             "motion" + ("; around the Stribeck speed the friction falls with speed, which destabilises." if falls
                         else "; at higher speed the drag damps more."),
@@ -70,11 +70,12 @@ def of_loop(drive: Drive, options: TuneOptions) -> list[Finding]:
     return found
 
 
-def uncertainty(drive: Drive, options: TuneOptions, covariance: Covariance | None,
+def spread_findings(drive: Drive, options: TuneOptions, covariance: Covariance | None,
                 draws: Draws | None) -> list[Finding]:
-    """What the spread covers and what it cannot."""
+    """What the spread includes and what it does not."""
     if covariance is None or draws is None:
-        return [Finding("note", "no-spread", "The parameter file states no uncertainty, so that the spread of the "
+        return [Finding("note", "covariance-incomplete",
+                        "The parameter file states no uncertainty, so that the spread of the "
                         "figures is not known.", {}, "Use the file of an estimator.")]
     found = []
     if draws.unphysical:
@@ -84,26 +85,28 @@ def uncertainty(drive: Drive, options: TuneOptions, covariance: Covariance | Non
             f"{draws.unphysical} of {options.draws} draws of the parameters are not physical and were left out.",
             {"unphysical": draws.unphysical, "draws": options.draws},
             "The normal distribution reaches beyond the bounds: a parameter is hardly known."))
-    silent = [n for n in drive.values if n not in covariance.names and n.rpartition(".")[2] in MATTERS]
-    if silent:
+    without_std = [n for n in drive.values if n not in covariance.names and n.rpartition(".")[2] in LOOP_SUFFIXES]
+    if without_std:
         found.append(Finding(
-            "note", "spread-is-partial",
-            f"The spread does not include {', '.join(silent)}, whose uncertainty the file does not state.",
-            {"parameters": len(silent)}, "See the variations, which change them one at a time."))
+            "note", "covariance-incomplete",
+            f"The spread does not include {', '.join(without_std)}, whose uncertainty the file does not state.",
+            {"parameters": len(without_std)}, "See the variations, which change them one at a time."))
     if options.known is not None and any(n not in options.known.names for n in covariance.names):
-        alone = [n for n in covariance.names if n not in options.known.names]
+        uncorrelated = [n for n in covariance.names if n not in options.known.names]
         found.append(Finding(
-            "note", "drawn-without-correlation",
-            f"{', '.join(alone)} were drawn independently: the file states no correlation of theirs.", {}, ""))
+            "note", "covariance-incomplete",
+            f"{', '.join(uncorrelated)} were drawn independently: the file states no correlation of theirs.",
+            {}, ""))
     return found
 
 
-def of_design(drive: Drive, design: Design, options: TuneOptions) -> list[Finding]:
-    """Robustness, hunting, limits of one design."""
+def design_findings(drive: Drive, design: Design, options: TuneOptions) -> list[Finding]:
+    """Robustness, limit cycles and limits of one design."""
     found, name = [], design.wiring.configuration
     prefix = f"{name}: " if len(design.wiring.motors) > 1 else ""
     spread, limit = design.spread, options.limits.sensitivity
-    if spread and options.confidence is None and spread.quantiles["max_sensitivity"]["0.95"] > SLIGHT * limit:
+    if (spread and options.confidence is None
+            and spread.quantiles["max_sensitivity"]["0.95"] > SLIGHT_MS_EXCESS * limit):
         high = spread.quantiles["max_sensitivity"]["0.95"]
         stays = f"; in 95 % it stays below {high:.3g}" if isfinite(high) else ""
         found.append(Finding(
@@ -120,29 +123,29 @@ def of_design(drive: Drive, design: Design, options: TuneOptions) -> list[Findin
                 "a higher --confidence." if options.confidence else "--confidence.")))
     if design.kept is not None and design.kept < (options.confidence or 0.0) - 0.05:
         found.append(Finding(
-            "warning", "confidence-missed",
+            "warning", "limit-uncertain",
             f"{prefix}In fresh draws the limit holds in {100 * design.kept:.0f} % only.",
-            {"kept": design.kept}, "Ask for more --draws."))
-    found += hunting(drive, design, prefix)
+            {"kept": design.kept}, "Raise --draws."))
+    found += limit_cycle_findings(drive, design, prefix)
     if design.wiring.configuration == "mimo" and not design.watches and design.safe_gain is not None:
-        found.append(_mimo_gap(prefix))
+        found.append(_mimo_gap_finding(prefix))
     return found
 
 
-def hunting(drive: Drive, design: Design, prefix: str) -> list[Finding]:
-    """Cycles that the kicked nonlinear drive fell into, and what the describing function says."""
+def limit_cycle_findings(drive: Drive, design: Design, prefix: str) -> list[Finding]:
+    """Limit cycles of the simulated nonlinear drive, and the result of the describing function."""
     found = []
     speed = f"{drive.motion_unit}/s"
     advice = "Lower the gain, or take the backlash out of the drive."
     if design.safe_gain:
-        advice = (f"At Kp up to {design.safe_gain:.4g} {gain_unit(drive)} the loop is stable whatever stiffness "
-                  "the gap pretends to: lower it, or take the backlash out.")
+        advice = (f"At Kp up to {design.safe_gain:.4g} {gain_unit(drive)} the loop is stable for every effective "
+                  "stiffness of the gap: lower it, or take the backlash out.")
     for watch in design.watches:
         cycle = watch.cycle
         if cycle.hunts:
             found.append(Finding(
-                "warning", "loop-hunts",
-                f"{prefix}With the gap the loop hunts ({cycle.situation}): the motor speed swings by "
+                "warning", "limit-cycle",
+                f"{prefix}The backlash causes a limit cycle ({cycle.situation}): the motor speed swings by "
                 f"+-{cycle.amplitude:.3g} {speed} at {cycle.frequency:.3g} Hz, the torque by "
                 f"+-{cycle.torque_swing:.3g} {drive.torque_unit}, after a change of the load's speed by "
                 f"{cycle.kick:.2g} {speed}.",
@@ -151,13 +154,13 @@ def hunting(drive: Drive, design: Design, prefix: str) -> list[Finding]:
                  "gain_without_cycle": design.safe_gain or 0.0}, advice))
     if design.safe_gain is not None and not found:
         found.append(Finding(
-            "note", "gap-may-cycle",
-            f"{prefix}With the gap pretending to a softer shaft the loop would be unstable; no cycle was found "
-            "from the kicks that were tried.", {"gain_without_cycle": design.safe_gain}, advice))
+            "note", "limit-cycle",
+            f"{prefix}With the lower effective stiffness of the gap the linear loop is unstable; no limit cycle "
+            "was found from the kicks that were tried.", {"gain_without_cycle": design.safe_gain}, advice))
     return found
 
 
-def _mimo_gap(prefix: str) -> Finding:
-    return Finding("note", "gap-not-simulated",
+def _mimo_gap_finding(prefix: str) -> Finding:
+    return Finding("note", "shaft-feedback-not-evaluated",
                    f"{prefix}The shaft-torque feedback was not simulated across the gap.", {},
-                   "Judge it by the softened shaft, and on the machine.")
+                   "Check it with the softened shaft, and on the machine.")

@@ -13,7 +13,7 @@ from drivetool.drive import Drive
 from drivetool.identify.backlash import backlash
 from drivetool.identify.estimate import covariance_of
 from drivetool.identify.fit import by_innovations, by_simulation
-from drivetool.identify.greybox import chosen, default_free, greybox
+from drivetool.identify.greybox import default_free, free_parameters, greybox
 from drivetool.identify.setup import Options, Task, roles_of
 from tests.bench.records import CASES, Case
 
@@ -26,7 +26,7 @@ EXACT_TORQUE = ("main", "even")  # elsewhere torque noise biases a simulation-er
 def task_of(case: Case, drive: Drive) -> Task:
     """What greybox fits with the case's parameters freed and its other frictions held."""
     record = case.record()
-    free = chosen(drive, default_free(drive, [record]), Options(free=case.free, hold=case.hold))
+    free = free_parameters(drive, default_free(drive, [record]), Options(free=case.free, hold=case.hold))
     return Task(drive, free, roles_of([record], drive), (record,))
 
 

@@ -17,7 +17,7 @@ from drivetool.identify.fit import by_simulation
 from drivetool.identify.noise import Noise, filtered
 from drivetool.identify.problem import Point, solve
 from drivetool.identify.setup import Task, first_point
-from drivetool.identify.starts import cooled
+from drivetool.identify.starts import continue_in_process_noise
 from tests.bench import floor
 from tests.bench.descent import NAMES, TOLERANCE, Reached, descend, main_job
 from tests.bench.peer_casadi import CasadiPeer
@@ -66,8 +66,8 @@ def ours(job) -> Reached:
     task = started(job)
     problem, linear = task.problem(2.0), task.linear_problem(2.0)
     point = Point(first_point(task.drive, problem, task.roles).values, tuple(job.starts))
-    point, _ = cooled(problem, linear, point, 10.0)
-    solution = solve(problem, point, relative=TOLERANCE, most=30)
+    point, _ = continue_in_process_noise(problem, linear, point, 10.0)
+    solution = solve(problem, point, relative=TOLERANCE, max_iterations=30)
     values = dict(zip(task.free, solution.point.values.tolist(), strict=True))
     return Reached(np.array([values[n] for n in NAMES]), solution.cost, 0, 0)
 
@@ -114,12 +114,13 @@ def test_table_of_fit_times():
         except pytest.skip.Exception:
             missing.append(name)
     print("\n\nmain job, one descent of each   CPU s   times ours   wanted")
-    count = None
+    count, ratios = None, {}
     for name, ready in installed.items():
         slow = name.startswith("NumPy")
         took = lowest({"ours": lambda: ours(job), name: lambda r=ready: descend(r, job)}, 1 if slow else ROUNDS)
         print(f"  {name:<28} {took[name]:8.2f} {took[name] / took['ours']:12.1f} {LEAST[name]:8d}   "
               f"(ours {took['ours']:.2f} s)")
+        ratios[name] = took[name] / took["ours"]
         count = count or descend(ready, job)
     own = lowest({"ours": lambda: ours(job)}, ROUNDS)["ours"]
     if count is not None:
@@ -130,6 +131,7 @@ def test_table_of_fit_times():
     whole = lowest({"search": lambda: by_simulation(task, 2.0, [{}])}, ROUNDS)["search"]
     print(f"  the tool looking around and making a second descent: {whole:.2f} s")
     print(f"  {len(missing)} peers not installed {missing}", flush=True)
+    assert ratios and all(ratio > LEAST[name] for name, ratio in ratios.items()), ratios
 
 
 DRAG = "load.drag"
@@ -171,18 +173,24 @@ def test_table_of_kernel_times():
     print("\n\nkernel, ns per sample")
     for name, value in each.items():
         print(f"  {name:<30} {value:8.1f}")
-    ratio = each["main: simulation"] / each["floor: recursion"]
-    print(f"  simulation over floor           {ratio:8.1f}   wanted 5")
+    missed = []
+
+    def compared(name: str, ratio: float, most: float) -> None:
+        """Print a ratio beside the largest that is wanted."""
+        print(f"  {name:<50} {ratio:8.1f}   wanted {most:.3g}")
+        if ratio > most:
+            missed.append(name)
+
+    compared("simulation over floor", each["main: simulation"] / each["floor: recursion"], 5)
     if vectorised is not None:
-        ratio = each["main: sensitivities"] / each["floor: C, 11 sensitivities"]
-        print(f"  sensitivities over floor        {ratio:8.1f}   wanted 5")
+        compared("sensitivities over floor", each["main: sensitivities"] / each["floor: C, 11 sensitivities"], 5)
     for what in ("simulation", "sensitivities"):
-        ratio = each[f"three: {what}"] / each[f"main: {what}"]
-        print(f"  three masses over two, {what:<14}{ratio:6.1f}   wanted 2.5")
-    ratio = each[f"three with {count} free: sensitivities"] / each["main: sensitivities"]
-    print(f"  the same with as many free parameters{ratio:6.1f}")
-    ratio = each[f"main with {DRAG}: sensitivities"] / each["floor: recursion"]
-    print(f"  smooth law with sensitivities over the recursion {ratio:8.0f}   wanted {500 / 4.4:.0f}")
+        compared(f"three masses over two, {what}", each[f"three: {what}"] / each[f"main: {what}"], 2.5)
+    compared("the same with as many free parameters",
+             each[f"three with {count} free: sensitivities"] / each["main: sensitivities"], 2.5)
+    compared("smooth law with sensitivities over the recursion",
+             each[f"main with {DRAG}: sensitivities"] / each["floor: recursion"], 500 / 4.4)
+    assert not missed
 
 
 def test_cost_is_linear_in_samples():
@@ -194,6 +202,7 @@ def test_cost_is_linear_in_samples():
     problem = task.problem()
     point = first_point(task.drive, problem, task.roles)
     one = problem.traces[0]
+    each: list[float] = []
     print("\n\nnormal equations            samples   ns per sample   peak MB of the process")
     for times in (1, 10, 300):
         long = replace(one, inputs=np.tile(one.inputs, (times, 1)), outputs=np.tile(one.outputs, (times, 1)))
@@ -201,3 +210,5 @@ def test_cost_is_linear_in_samples():
         taken = min(seconds(lambda w=wide: w.normal(point)) for _ in range(2))
         peak = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024
         print(f"  free run             {long.size:12d} {1e9 * taken / long.size:15.0f} {peak:14.0f}")
+        each.append(taken / long.size)
+    assert max(each) < 1.5 * each[0]  # a busy machine varies by a third; anything that grows with the record shows

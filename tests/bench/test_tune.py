@@ -13,8 +13,8 @@ import numpy as np
 import pytest
 
 from drivetool.drive import state_space
-from drivetool.tune.optimisation import Limits, criterion, optimum, task
-from drivetool.tune.optimisation.criteria import value
+from drivetool.tune.optimisation import TuneLimits, criterion, optimum, tuning_problem
+from drivetool.tune.optimisation.criteria import criterion_value
 from drivetool.tune.speed_loop import Settings, Wiring, build
 from tests.tallfors import MOTORS, TABLES_4, tandem, two_mass_plant
 
@@ -84,8 +84,8 @@ def test_one_design_against_a_plain_script():
     drive = two_mass_plant("heavy")
     loop = build(drive, Wiring(dead_time="zero"))
     iae = criterion("IAE")
-    optimum(task(loop, iae, Limits()))  # compiles, once per installation
-    mine, mine_took = timed(lambda: optimum(task(loop, iae, Limits())))
+    optimum(tuning_problem(loop, iae, TuneLimits()))  # compiles, once per installation
+    mine, mine_took = timed(lambda: optimum(tuning_problem(loop, iae, TuneLimits())))
     script = PlainScript(drive)
     began = time.perf_counter()
     theirs = script.design()
@@ -94,10 +94,12 @@ def test_one_design_against_a_plain_script():
           f"Ti {mine.settings.integral_time:.5f}, IAE {mine.value:.5g}")
     print(f"plain script, control.forced_response on a {1e3 * GRID:g} ms grid, {script.trials} trials: "
           f"{theirs_took:.1f} s, Kp {theirs.gain:.1f} Ti {theirs.integral_time:.5f}, "
-          f"IAE {value(loop, iae, theirs):.5g}")
+          f"IAE {criterion_value(loop, iae, theirs):.5g}")
     print(f"ratio for one design: {theirs_took / mine_took:.0f}")
+    # Measured were 60 to 90 times; the script may end a grid step beside the optimum.
+    assert theirs_took > 20 * mine_took and mine.value <= criterion_value(loop, iae, theirs) * (1 + 1e-3)
     at = mine.settings
-    _, one = timed(lambda: [value(loop, iae, at) for _ in range(200)])
+    _, one = timed(lambda: [criterion_value(loop, iae, at) for _ in range(200)])
     _, other = timed(lambda: [script.cost(np.log([at.gain, at.integral_time])) for _ in range(20)])
     print(f"one trial: {1e6 * one / 200:.0f} us against {1e6 * other / 20:.0f} us, ratio {10 * other / one:.0f}")
 
@@ -107,8 +109,9 @@ def test_the_nine_tandem_cases():
     for column in TABLES_4:
         loop = build(tandem(column.plant), Wiring(column.configuration, MOTORS, dead_time="zero"))
         began = time.perf_counter()
-        found = optimum(task(loop, criterion("IAE"), Limits()))
+        found = optimum(tuning_problem(loop, criterion("IAE"), TuneLimits()))
         took = time.perf_counter() - began
         total += took
         print(f"\n{column.plant} {column.configuration}: {took:.1f} s, IAE {found.value:.4g}", end="")
     print(f"\nnine tandem designs: {total:.1f} s, of which one processor {time.process_time() - busy:.1f} s")
+    assert time.process_time() - busy < 30.0  # s; measured were 11

@@ -8,9 +8,9 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from drivetool.check.causes.catalogue import CAUSES, DECIDES, FITTED, mistaken_for
-from drivetool.check.fit.model import from_start
-from drivetool.check.fit.structure import carried
+from drivetool.check.causes.catalogue import CAUSES, DECISIVE_EXPERIMENTS, FITTED, mistaken_for
+from drivetool.check.fit.model import fit_from_start
+from drivetool.check.fit.structure import transferred_point
 from drivetool.check.search.absence import law_of, needs_of, why_absent
 from drivetool.drive import two_mass
 from drivetool.drive.effects import EFFECTS
@@ -21,7 +21,8 @@ from tests.simulator.machine import machine_by_seed
 
 FOLDER = ROOT / "drivetool" / "check" / "causes"
 # Files of faults of the record, and of what is said in the end, that still know a cause by its name.
-KNOWING = {"full_diagnosis.py", "facts.py", "rules.py", "record_faults.py", "shaft.py", "spikes.py", "story.py"}
+KNOWING = {"full_diagnosis.py", "facts.py", "rules.py", "record_faults.py", "shaft.py", "spikes.py",
+           "diagnosis_report.py"}
 
 STARTLESS = {"torque-offset"}  # an idle torque of the base is the same
 ACROSS_GAP = {"damping-in-gap"}
@@ -37,7 +38,7 @@ def base():
         "total.viscous": sum(machine.viscous), "total.idle_torque": 0.0,
         "shaft.stiffness": machine.stiffness[0], "shaft.damping": machine.damping[0]})
     free = tuple(n for n in drive.quantities if n in drive.values)
-    return from_start(Task(drive, free, roles_of([record], drive), (record,)), most=1)
+    return fit_from_start(Task(drive, free, roles_of([record], drive), (record,)), max_iterations=1)
 
 
 def test_codes_are_words_of_their_own_and_files_are_short():
@@ -53,7 +54,7 @@ def test_words_and_relations(code):
     cause = CAUSES[code]
     assert cause.text.endswith(".") and cause.look.endswith(".") and cause.sizes
     assert {*cause.special, *cause.alike, *cause.response} <= {*CAUSES} - {code}
-    assert all(text.endswith(".") and DECIDES[frozenset((code, other))] == text
+    assert all(text.endswith(".") and DECISIVE_EXPERIMENTS[frozenset((code, other))] == text
                for other, text in cause.alike.items())
     assert {*cause.further, *filter(None, [cause.effect])} <= {e.code for e in EFFECTS}
     assert needs_of(cause) and (cause.of_record or law_of(cause))
@@ -62,8 +63,8 @@ def test_words_and_relations(code):
     assert all(other in mistaken_for([code]) for other in cause.alike)
 
 
-def shown_to(code, base):
-    """The base, of a drive with a gap where a cause asks for one."""
+def starts_on(code, base):
+    """The base, of a drive with a gap where a cause needs one."""
     if code not in ACROSS_GAP:
         return base
     task = base.task.at({"shaft.half_gap": 0.002})
@@ -73,7 +74,7 @@ def shown_to(code, base):
 @pytest.mark.parametrize("code", [c.code for c in FITTED])
 def test_a_cause_has_starts_or_says_why_not(code, base):
     """What is free in a start, and what a start adds, belongs to the drive; amplitudes are free and begin small."""
-    base = shown_to(code, base)
+    base = starts_on(code, base)
     cause, shown = CAUSES[code], base.task.drive
     starts = cause.starts(base)
     if not starts:
@@ -97,10 +98,11 @@ def test_a_cause_has_starts_or_says_why_not(code, base):
 @pytest.mark.parametrize("code", [c.code for c in FITTED if c.effect and c.code not in STARTLESS])
 def test_what_acts_already_is_not_looked_for(code, base):
     """With a start of it as its base a cause has none of the same body left, or says that it is in the model."""
-    base, cause = shown_to(code, base), CAUSES[code]
+    base, cause = starts_on(code, base), CAUSES[code]
     before = cause.starts(base)
     problem = before[0].task.problem()
-    there = replace(base, task=before[0].task, problem=problem, point=carried(base, before[0].task, problem))
+    there = replace(base, task=before[0].task, problem=problem,
+                    point=transferred_point(base, before[0].task, problem))
     assert len(cause.starts(there)) < len(before)
 
 

@@ -1,4 +1,4 @@
-"""What a diagnosis says of halves that ask for other values, of a check that was not made, of a second search."""
+"""Findings of a diagnosis: halves that need other values, a check that was not made, a second search."""
 
 from dataclasses import replace
 from types import SimpleNamespace
@@ -8,25 +8,26 @@ import pytest
 
 from drivetool.check import full_diagnosis as diagnose
 from drivetool.check.faults.record_faults import Fault
-from drivetool.check.fit.residual_tests import Remainder
+from drivetool.check.fit.residual_tests import ResidualTests
 from drivetool.check.outcome.diagnosis import CandidateResult, DiagnoseOptions, Round
-from drivetool.check.search.result import Searched
-from drivetool.check.verdict.rules import UNEXPLAINED
-from drivetool.check.verdict.story import changing
+from drivetool.check.search.result import SearchResult
+from drivetool.check.verdict.diagnosis_report import change_findings
+from drivetool.check.verdict.rules import MIN_UNEXPLAINED_GAIN
 from tests.recover import drive_like, linear_record
 from tests.simulator.machine import machine_by_seed
 
 FREE = ("motor.inertia", "load.inertia", "shaft.stiffness", "shaft.damping")
 
 
-@pytest.mark.parametrize(("time", "said"), [(0.9 * UNEXPLAINED, False), (1.1 * UNEXPLAINED, True)])
-def test_halves_of_the_records_that_ask_for_other_values(time, said):
-    found = changing(SimpleNamespace(left=Remainder(0.0, 0.0, 0.0, time)))
+@pytest.mark.parametrize(("time", "said"),
+                         [(0.9 * MIN_UNEXPLAINED_GAIN, False), (1.1 * MIN_UNEXPLAINED_GAIN, True)])
+def test_halves_of_the_records_that_need_other_values(time, said):
+    found = change_findings(SimpleNamespace(left=ResidualTests(0.0, 0.0, 0.0, time)))
     assert [f.code for f in found] == (["parameters-change"] if said else [])
 
 
 @pytest.mark.parametrize("breaks", [False, True])
-def test_a_check_of_the_shaft_torque_that_breaks_down_is_said(breaks, monkeypatch):
+def test_a_failed_check_of_the_shaft_torque_is_reported(breaks, monkeypatch):
     """A diagnosis goes on without it: here to its search, which is looked at and not made."""
     def check(mended, drive, *_):
         if breaks:
@@ -40,7 +41,7 @@ def test_a_check_of_the_shaft_torque_that_breaks_down_is_said(breaks, monkeypatc
         raise Searched(asked.notes)
 
     monkeypatch.setattr(diagnose, "shaft_fault", check)
-    monkeypatch.setattr(diagnose, "searched", searched)
+    monkeypatch.setattr(diagnose, "search_records", searched)
     machine = machine_by_seed(5)
     record, drive = linear_record(machine, 5, 2.0), drive_like(machine, list(FREE))
     with pytest.raises(Searched) as stopped:
@@ -56,18 +57,18 @@ def fault(code, **more):
     (("friction-drift",), False, [fault("wrong-scale", factor=1.09, shaft=True)], True),
     (("friction-drift",), True, [fault("wrong-scale", factor=1.09, shaft=True)], False),
     ((), False, [fault("wrong-scale", factor=1.09, shaft=True)], False),  # no law explains anything
-    (("friction-drift",), False, [fault("wrong-scale", factor=1.09)], False)])  # told by two sensors of one motion
+    (("friction-drift",), False, [fault("wrong-scale", factor=1.09)], False)])  # by two sensors of one motion
 def test_a_shaft_torque_is_trusted_where_laws_explain_as_much(monkeypatch, causes, scale_likelier, faults, trusts):
     """Warming up, left out of the drive, was a sensor that reads 1.09 times the torque."""
     blamed, other = SimpleNamespace(faults=faults), SimpleNamespace(found=SimpleNamespace(causes=causes))
-    monkeypatch.setattr(diagnose, "searched", lambda *_: other)
-    monkeypatch.setattr(diagnose, "likelier_so", lambda again, without, factor: scale_likelier)
-    assert (diagnose.trusted(None, blamed, ("as logged",), None) is other) == trusts
+    monkeypatch.setattr(diagnose, "search_records", lambda *_: other)
+    monkeypatch.setattr(diagnose, "scale_improves_likelihood", lambda again, without, factor: scale_likelier)
+    assert (diagnose.with_trusted_sensor(None, blamed, ("as logged",), None) is other) == trusts
 
 
 @pytest.mark.parametrize("rounds", [(), ("one",)])
 def test_where_rounding_alone_is_left_no_sample_is_impossible(monkeypatch, rounds):
-    """Of a record without noise the model was surprised in its last digits. And the fault of the sensor is told in
+    """On a record without noise the innovations are its last digits. And the fault of the sensor is reported in
     no search that trusts it.
     """
     asked, begun = [], []
@@ -80,12 +81,12 @@ def test_where_rounding_alone_is_left_no_sample_is_impossible(monkeypatch, round
         return ended
 
     monkeypatch.setattr(diagnose, "shaft_fault", lambda mended, drive, *_: (mended, drive, [blamed]))
-    monkeypatch.setattr(diagnose, "searched", searched)
+    monkeypatch.setattr(diagnose, "search_records", searched)
     monkeypatch.setattr(diagnose, "with_shaft_scale", lambda asked, search, *_: search)
-    monkeypatch.setattr(diagnose, "likelier_so", lambda *_: True)
+    monkeypatch.setattr(diagnose, "scale_improves_likelihood", lambda *_: True)
     monkeypatch.setattr(diagnose, "rescaled", lambda records, factor: records)
-    monkeypatch.setattr(diagnose, "without_surprises", lambda *_: asked.append(1) or ((), []))
-    monkeypatch.setattr(diagnose, "tell", lambda search, *_: search)
+    monkeypatch.setattr(diagnose, "without_model_outliers", lambda *_: asked.append(1) or ((), []))
+    monkeypatch.setattr(diagnose, "diagnosis_of", lambda search, *_: search)
     machine = machine_by_seed(5)
     record, drive = linear_record(machine, 5, 2.0), drive_like(machine, list(FREE))
     assert diagnose.diagnose([record], drive, FREE, DiagnoseOptions()) is ended
@@ -98,7 +99,7 @@ def test_once_a_dead_time_is_known_only_what_had_a_chance_is_looked_for_again(mo
         return tuple(CandidateResult(code.replace("_", "-"), "", *said) for code, said in states.items())
 
     def searched_with(*rounds):
-        return Searched(*[None] * 11, tuple(rounds), None)
+        return SearchResult(*[None] * 11, tuple(rounds), None)
 
     before = searched_with(
         Round("dead-time", lines(dead_time=("named", 90.0), converter_lag=("worse", None),
@@ -112,10 +113,10 @@ def test_once_a_dead_time_is_known_only_what_had_a_chance_is_looked_for_again(mo
         asked.append((own.wanted, records))
         return after
 
-    monkeypatch.setattr(diagnose, "searched", searched)
+    monkeypatch.setattr(diagnose, "search_records", searched)
     wanted = ("dead-time", "converter-lag", "backlash", "imbalance", "quadratic-drag", "outliers")
-    own = diagnose.Asked(1, (None, ()), (), wanted, DiagnoseOptions(), {}, ())
-    found = diagnose.looked_again(own, before, ("less",), None, ())
+    own = diagnose.Request(1, (None, ()), (), wanted, DiagnoseOptions(), {}, ())
+    found = diagnose.repeated_search(own, before, ("less",), None, ())
     assert asked == [(("dead-time", "converter-lag", "quadratic-drag", "outliers"), ("less",))]
     (one,) = found.rounds
     assert {c.code: (c.state, c.gain) for c in one.candidates} == {

@@ -1,4 +1,4 @@
-"""Diagnosis by the torque that an imposed motion asks for, on records of the simulator."""
+"""Diagnosis by the required torque of an imposed motion, on records of the simulator."""
 
 from dataclasses import replace
 
@@ -9,12 +9,12 @@ from scipy.signal import butter, sosfiltfilt
 from drivetool.check.causes.catalogue import CAUSES
 from drivetool.check.fit.model import Model
 from drivetool.check.full_diagnosis import diagnose
-from drivetool.check.inverse.explanation import independent
+from drivetool.check.inverse.cross_validated_fit import independent_share
 from drivetool.check.outcome.diagnosis import DiagnoseOptions
 from drivetool.drive import one_body, two_mass
 from drivetool.errors import BadOption, BadParameters, NotEnoughData
 from drivetool.identify.greybox import greybox
-from drivetool.identify.motion import logged_as_it_acts
+from drivetool.identify.motion import check_no_signal_path
 from drivetool.identify.noise import Noise
 from drivetool.identify.setup import Options, Task, first_point, roles_of
 from tests.recover import experiment
@@ -64,8 +64,8 @@ def test_what_a_body_lacks_is_named_with_its_size_and_gain(machine, named, name,
     assert found.verdict == "named" and found.causes == (named,) and found.between == ()
     line = next(p for p in found.estimate.parameters if p.name == name)
     assert line.ci95[0] < true < line.ci95[1] and line.std < 0.05 * true
-    assert found.gain.of == "torque" and found.gain.on_a_fresh_record[0] > 0.0
-    assert "torque that the motion asks for is off by" in found.sentence and "nan" not in found.sentence
+    assert found.gain.of == "torque" and found.gain.further_record_interval[0] > 0.0
+    assert "torque that the motion requires is off by" in found.sentence and "nan" not in found.sentence
     assert np.isnan(found.gain.unexplained_percent)  # what is left need not be a law of the motion
     states = {c.code: c.state for c in found.rounds[0].candidates}
     assert states[named] == "named" and len(states) == len(BY_TORQUE.candidates)
@@ -98,10 +98,10 @@ def test_a_path_between_torque_and_body_or_a_base_without_fitted_parameters_is_r
 
 
 @pytest.mark.slow
-def test_a_record_too_short_to_judge_is_refused_and_one_without_torque_has_no_fit_percent():
+def test_a_record_too_short_for_a_test_is_refused_and_one_without_torque_has_no_fit_percent():
     record = moved(FRICTION, 11)
     drive, free, begun = base_of(record, one_body().with_values(BODY), ("motor.coulomb",))
-    with pytest.raises(NotEnoughData, match="blocks that judge"):
+    with pytest.raises(NotEnoughData, match="test blocks"):
         diagnose([record], drive, free, BY_TORQUE, [moved(FRICTION, 21, seconds=0.5)], begun)
     other = moved(FRICTION, 21)
     silent = replace(other, signals={**other.signals, "motor_torque": 0.0 * other.signals["motor_torque"]})
@@ -111,8 +111,8 @@ def test_a_record_too_short_to_judge_is_refused_and_one_without_torque_has_no_fi
 
 @pytest.mark.slow
 @pytest.mark.parametrize("seed", [21, 22, 23])
-def test_instruments_that_fail_on_the_record_that_judges_make_no_cause(seed):
-    """A drive fitted to it by least squares is the base's best there, whatever its reference tells."""
+def test_instruments_that_fail_on_the_held_out_record_make_no_cause(seed):
+    """A drive fitted to it by least squares is the base's best there, whatever its reference."""
     record, other = moved(NOTHING, 11), moved(NOTHING, seed, seconds=4.0)
     still = np.full(other.size, 3.0)
     still[:5] = 3.1
@@ -125,7 +125,7 @@ def test_correlated_errors_count_as_fewer():
     """Bartlett: a moving mean over m values has 3 m / (2 m^2 + 1) of the independent ones."""
     white = np.random.default_rng(5).standard_normal(40_000)
     for m in (1, 2, 5, 10):
-        share = independent(np.convolve(white, np.ones(m), "valid"))
+        share = independent_share(np.convolve(white, np.ones(m), "valid"))
         assert share == pytest.approx(3.0 * m / (2.0 * m**2 + 1.0), rel=0.15)
 
 
@@ -149,11 +149,11 @@ def test_every_cause_of_an_imposed_motion_begins_with_laws_of_bodies_and_shafts(
         new = set(start.task.free) - set(task.free)
         assert new and {n.partition(".")[0] for n in new} <= owners
         assert start.task.drive.bodies == drive.bodies
-        logged_as_it_acts(start.task.drive, start.task.free)
+        check_no_signal_path(start.task.drive, start.task.free)
 
 
 @pytest.mark.slow
-def test_causes_that_a_torque_does_not_tell_say_so():
+def test_causes_that_the_torque_does_not_identify_say_so():
     record = moved(NOTHING, 11, seconds=3.0)
     drive, free, begun = base_of(record, one_body().with_values(BODY), ("motor.coulomb",))
     found = diagnose([record], drive, free, DiagnoseOptions(("converter-lag", "outliers"), criterion="inverse"), (),

@@ -1,4 +1,4 @@
-"""The noise model under which causes are judged, and bases that are not lost on the way."""
+"""The noise model under which causes are tested, and bases that do not diverge."""
 
 from __future__ import annotations
 
@@ -8,8 +8,16 @@ import numpy as np
 import pytest
 from scipy.signal import lfilter
 
-from drivetool.check.fit.model import begun, everything, first_noise, fit, from_start, heard, likeliest_noise
-from drivetool.check.full_diagnosis import Asked, stands
+from drivetool.check.fit.model import (
+    all_samples,
+    fit,
+    fit_from_start,
+    initial_noise,
+    reestimate_noise,
+    unfitted,
+    with_likeliest_noise,
+)
+from drivetool.check.full_diagnosis import Request, base_and_alternatives
 from drivetool.check.outcome.diagnosis import DiagnoseOptions
 from drivetool.identify.setup import Task, first_point, roles_of
 from tests.recover import STEP, drive_like, experiment, one_sensor, resonance, reversing_record, tried
@@ -41,8 +49,8 @@ def fitted(machine, record, guess):
     task = Task(drive, FREE, roles_of([record], drive), (record,))
     assert task.roles.outputs == ("motor_speed", "load_speed")
     problem = replace(task.problem(), scale=np.array([1.0, guess]))
-    point, masks = first_point(drive, problem, task.roles), everything(problem)
-    return fit(begun("base", task, problem, point, first_noise(problem, point, masks)), masks)
+    point, masks = first_point(drive, problem, task.roles), all_samples(problem)
+    return fit(unfitted("base", task, problem, point, initial_noise(problem, point, masks)), masks)
 
 
 @pytest.mark.parametrize("wrong", [0.05, 20.0])
@@ -53,7 +61,7 @@ def test_sensor_noises_are_found_from_a_wrong_guess(seed, wrong):
     assert model.noise.scale[1] == pytest.approx(LOAD / MOTOR, rel=0.05)
 
 
-def test_only_what_counts_tells_how_loud_a_sensor_is():
+def test_only_counted_samples_determine_the_noise_of_a_sensor():
     """The load sensor three times as loud over the second half."""
     machine, record = two_sensors(20)
     model = fitted(machine, record, LOAD / MOTOR)
@@ -82,14 +90,14 @@ def linear(seed, memory, share):
     record = experiment(torque, run.speeds[:, 0] + white_noise(size, sensor, 3 * seed + 1))
     free = tuple(n for n in FREE if n != "load.viscous")
     drive = drive_like(machine, list(free))
-    return from_start(Task(drive, free, roles_of([record], drive), (record,))), share * rated / sensor
+    return fit_from_start(Task(drive, free, roles_of([record], drive), (record,))), share * rated / sensor
 
 
 @pytest.mark.parametrize("seed", [20, 23])
-def test_torque_noise_that_remembers_is_heard_with_its_memory(seed):
-    """A time constant of 50 samples, some eighty times in the record: told to a third of itself."""
+def test_correlated_torque_noise_is_estimated_with_its_pole(seed):
+    """A time constant of 50 samples, some eighty times in the record: identified to a third of itself."""
     base, ratio = linear(seed, 0.98, 0.01)
-    found = heard(base, everything(base.problem))
+    found = reestimate_noise(base, all_samples(base.problem))
     assert found.value < base.value - 50.0 and found.noise.slow is None
     assert 1.0 - found.noise.memory == pytest.approx(0.02, rel=0.35)
     assert found.noise.ratio == pytest.approx(ratio, rel=0.25)
@@ -99,58 +107,59 @@ def test_torque_noise_that_remembers_is_heard_with_its_memory(seed):
 @pytest.mark.parametrize("seed", [20, 23])
 def test_white_torque_noise_is_left_white_and_found_as_loud_as_it_is(seed, share):
     base, ratio = linear(seed, 0.0, share)
-    assert heard(base, everything(base.problem)) is base
+    assert reestimate_noise(base, all_samples(base.problem)) is base
     assert base.noise.ratio == pytest.approx(ratio, rel=0.25)
 
 
 @pytest.mark.parametrize("share", [0.01, 0.03])
-def test_slow_noise_stands_in_for_a_law_until_that_is_there(share):
+def test_slow_noise_replaces_a_law_until_that_is_there(share):
     """Dry friction: a base without it is likelier under slow noise, the friction itself under white noise."""
     machine = machine_by_seed(20)
     record, _ = reversing_record(replace(machine, coulomb=(share * machine.rated_torque, 0.0)), 20, 4.0)
     free = ("motor.inertia", "load.inertia", "total.viscous", "total.idle_torque", "shaft.stiffness",
             "shaft.damping")
     drive = drive_like(machine, list(free))
-    base = from_start(Task(drive, free, roles_of([record], drive), (record,)))
-    masks = everything(base.problem)
-    slow = heard(base, masks)
+    base = fit_from_start(Task(drive, free, roles_of([record], drive), (record,)))
+    masks = all_samples(base.problem)
+    slow = reestimate_noise(base, masks)
     assert slow.noise.memory > 0.99 and slow.value < base.value - 50.0
     cause = tried("coulomb-motor", base).model
-    assert heard(cause, masks) is cause and cause.noise.memory is None
+    assert reestimate_noise(cause, masks) is cause and cause.noise.memory is None
     assert cause.value < slow.value - 50.0
 
 
 def test_torque_noise_that_remembers_is_left_where_white_noise_is_likelier():
     """A cause that is missing looks like slow noise; once it is there, the memory must be able to go."""
     white, _ = one_sensor(20)
-    masks = everything(white.problem)
-    slow = fit(replace(white, noise=replace(white.noise, memory=0.99)), masks, most=2, renewed=False)
+    masks = all_samples(white.problem)
+    slow = fit(replace(white, noise=replace(white.noise, memory=0.99)), masks, max_iterations=2, refit_noise=False)
     assert slow.value > white.value + 10.0
-    again = heard(slow, masks)
+    again = reestimate_noise(slow, masks)
     assert again.noise.memory is None and again.value < white.value + 1.0
 
 
 @pytest.mark.parametrize("seed", [23])  # of 20 the small ratio is the likelier one, by 2.6
-def test_a_torque_noise_that_was_absorbed_is_heard_again_on_other_records(seed):
+def test_an_absorbed_torque_noise_is_estimated_again_on_other_records(seed):
     base, ratio = one_sensor(seed)
     deaf = replace(base, noise=replace(base.noise, ratio=1e-4 * ratio))
-    assert likeliest_noise(deaf, everything(base.problem)).noise.ratio == pytest.approx(ratio, rel=0.25)
+    assert with_likeliest_noise(deaf, all_samples(base.problem)).noise.ratio == pytest.approx(ratio, rel=0.25)
 
 
-def stood(task, begun_at):
+def bases_of(task, begun_at):
     """(the base, the bases elsewhere) of a diagnosis of a task whose own fit began there."""
-    return stands(task, Asked(1, (task.drive, task.free), task.free, (), DiagnoseOptions(), begun_at, ()))
+    return base_and_alternatives(task, Request(1, (task.drive, task.free), task.free, (), DiagnoseOptions(),
+                                               begun_at, ()))
 
 
 @pytest.mark.slow
-def test_a_base_that_was_led_astray_begins_again_from_its_start_values():
+def test_a_diverged_base_starts_again_from_its_start_values():
     base, _ = one_sensor(20)
     begun_at = {n: base.fitted.drive.value(n) for n in base.task.free}
     astray = base.task.at({"motor.inertia": 40.0 * begun_at["motor.inertia"],
                            "load.inertia": 30.0 * begun_at["load.inertia"],
                            "shaft.stiffness": 1e-3 * begun_at["shaft.stiffness"]})
-    assert stood(astray, {})[0].value > base.value + 100.0
-    assert stood(astray, begun_at)[0].value == pytest.approx(base.value, abs=1.0)
+    assert bases_of(astray, {})[0].value > base.value + 100.0
+    assert bases_of(astray, begun_at)[0].value == pytest.approx(base.value, abs=1.0)
 
 
 @pytest.mark.parametrize(("factor", "bent"), [(1.3, False), (1.7, True)])
@@ -159,7 +168,7 @@ def test_a_base_that_left_its_start_by_more_than_half_is_stood_on_there_too(fact
     base, _ = one_sensor(20)
     begun_at = {n: base.fitted.drive.value(n) for n in base.task.free}
     begun_at["shaft.stiffness"] *= factor
-    root, elsewhere = stood(base.fitted, begun_at)
+    root, elsewhere = bases_of(base.fitted, begun_at)
     assert root.value == pytest.approx(base.value, abs=1.0)
     assert [dict(zip(m.task.free, m.point.values, strict=True)) for m in elsewhere] == [
         pytest.approx(begun_at)] * bent

@@ -1,4 +1,4 @@
-"""A hum of fixed frequency is no order, and a ripple at a steady speed stays one."""
+"""A narrow-band line of fixed frequency is no order, and a ripple at a steady speed stays one."""
 
 from __future__ import annotations
 
@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from drivetool.check.starts import scan
-from drivetool.check.starts.scan import BETTER, FixedLines
+from drivetool.check.starts.scan import FIXED_LINE_SCORE_RATIO, FixedLines
 
 STEP, SIZE = 1e-3, 8000
 LINES = np.linspace(0.0, 450.0, 2001)[1:]
@@ -31,8 +31,8 @@ def explained(speed, wave, order, noise=1.0, seed=3, cut=SIZE):
 
 @pytest.mark.parametrize("share", [0.2, 0.5, 0.65])
 @pytest.mark.parametrize("seed", range(5))
-def test_a_hum_at_the_speed_of_a_plateau_is_no_order(share, seed):
-    order = 2.0 * np.pi * 50.0 / 10.0  # the hum's frequency at the slow speed
+def test_a_fixed_line_at_the_speed_of_a_plateau_is_no_order(share, seed):
+    order = 2.0 * np.pi * 50.0 / 10.0  # the line's frequency at the slow speed
     assert explained(plateaus(share), lambda _: np.sin(2.0 * np.pi * 50.0 * TIME), order, seed=seed)
 
 
@@ -44,7 +44,7 @@ def test_a_ripple_is_an_order_at_a_steady_speed_too(share, seed, cut):
     assert not explained(speed, lambda angle: 0.3 * np.sin(7.0 * angle + 0.4), 7.0, seed=seed, cut=cut)
 
 
-def test_a_ripple_stays_beside_a_stronger_hum_at_other_speeds():
+def test_a_ripple_stays_with_a_stronger_fixed_line_at_other_speeds():
     def wave(angle):
         return 0.3 * np.sin(7.0 * angle) + 2.0 * np.sin(2.0 * np.pi * 150.0 * TIME)
 
@@ -66,7 +66,7 @@ def test_many_short_stretches_of_noise_make_no_frequency_better():
 
 @pytest.mark.parametrize(("factor", "share"), [(0.5, 1.0), (2.0, 0.65)])
 def test_half_and_double_of_the_factor_are_wrong(monkeypatch, factor, share):
-    monkeypatch.setattr(scan, "BETTER", factor * BETTER)
+    monkeypatch.setattr(scan, "FIXED_LINE_SCORE_RATIO", factor * FIXED_LINE_SCORE_RATIO)
     ripple = factor < 1.0
     wave = (lambda angle: np.sin(7.0 * angle)) if ripple else (lambda _: np.sin(2.0 * np.pi * 50.0 * TIME))
     order = 7.0 if ripple else 2.0 * np.pi * 50.0 / 10.0

@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from drivetool.check.validation.freerun import noise_limit
+from drivetool.check.validation.freerun import noise_limit_findings
 from drivetool.check.validation.replay import replay
 from drivetool.check.validation.result import RecordCheck
 from drivetool.drive import one_body
@@ -32,6 +32,6 @@ def test_attainable_fit_of_short_free_runs(time):
     expected = 100.0 * (1.0 - np.sqrt(error / (error + np.var(clean))))
     check = RecordCheck("m", "r", "motor_speed", "rad/s", expected, None, 0.0, 0.0, 0.0, SIZE, 0.0, 0.1, 0.0, 0.5,
                         None, True)
-    found, = noise_limit(run, check, 0.15, 1)
+    found, = noise_limit_findings(run, check, 0.15, 1)
     # 120 pieces say the rms of an error to about 7 %, the median of 20 draws of it to 2 %.
     assert 100.0 - found.evidence["attainable_fit_median"] == pytest.approx(100.0 - expected, rel=0.08)

@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 from drivetool.check.causes.catalogue import CAUSES
-from drivetool.check.fit.model import everything, from_start
-from drivetool.check.search.begin import begin, stand_at
+from drivetool.check.fit.model import all_samples, fit_from_start
+from drivetool.check.search.prepared_start import prepare_start, reference_model
 from drivetool.drive import two_mass
 from drivetool.identify.setup import Task, roles_of
 from tests.recover import reversing_record
@@ -35,7 +35,7 @@ def bases():
                                         "shaft.ratio": gear})
         task = Task(drive, tuple(n for n in drive.quantities if n in {*values, *behind}),
                     roles_of([record], drive), (record,))
-        found.append(from_start(task, most=0))
+        found.append(fit_from_start(task, max_iterations=0))
     return found
 
 
@@ -43,10 +43,10 @@ def bases():
 def test_a_cause_begins_alike_on_both_sides_of_a_gear(bases, code):
     plain, geared = (CAUSES[code].starts(base) for base in bases)
     assert plain and len(plain) == len(geared)
-    masks, stands = everything(bases[0].problem), [stand_at(base) for base in bases]
+    masks, stands = all_samples(bases[0].problem), [reference_model(base) for base in bases]
     for one, other in zip(plain, geared, strict=True):
         assert one.task.free == other.task.free
-        begun, there = (begin(stand, CAUSES[code], start, masks)
+        begun, there = (prepare_start(stand, CAUSES[code], start, masks)
                         for stand, start in zip(stands, (one, other), strict=True))
         for j, name in enumerate(one.task.free):
             owner, _, what = name.rpartition(".")
@@ -61,5 +61,5 @@ def test_a_cause_begins_alike_on_both_sides_of_a_gear(bases, code):
                 mine, theirs = (getattr(at.model.problem, end)[j] for at in (begun, there))
                 if mine not in allowed:
                     assert theirs == pytest.approx(scale * mine, rel=1e-6), name
-        if np.isfinite(begun.promise):
-            assert there.promise == pytest.approx(begun.promise, rel=1e-3, abs=1e-3)
+        if np.isfinite(begun.expected_gain):
+            assert there.expected_gain == pytest.approx(begun.expected_gain, rel=1e-3, abs=1e-3)

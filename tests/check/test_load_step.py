@@ -10,7 +10,7 @@ import pytest
 
 from drivetool.check.causes.catalogue import CAUSES
 from drivetool.check.fit.model import Model
-from drivetool.check.search.attempt import Tried, sizeable
+from drivetool.check.search.candidate_fit import CandidateFit, screened_for_significance
 from drivetool.drive.effects import load_step
 from drivetool.drive.simulation import Trace
 from drivetool.identify.noise import Noise
@@ -18,7 +18,7 @@ from drivetool.identify.problem import Point
 from drivetool.identify.setup import Roles, Task, problem_of
 from tests.drive.test_effects import base
 from tests.hidden import greybox_options, make_case, write_start
-from tests.hidden.command import ask, run
+from tests.hidden.command import greybox_and_diagnose, run
 
 MACHINE, SHORT = 5, {"duration": 6.0}
 ROLES = Roles(("motor_torque",), ("motor_speed",))
@@ -49,7 +49,7 @@ def test_a_load_that_sets_in_at_an_end_of_the_record_is_none(time, absent):
     problem = problem_of(drive, names, ROLES, (trace,))
     model = Model("load-step", Task(drive, names, ROLES, ()), problem, Point(np.array([8.0, time]), (np.zeros(3),)),
                   Noise(1.0, None, problem.scale), 0.0)
-    found = sizeable(Tried(CAUSES["load-step"], model, {}), model)
+    found = screened_for_significance(CandidateFit(CAUSES["load-step"], model, {}), model)
     assert (found.absent == "no-gain") is absent
     assert ("begins or ends" in found.reason) is absent
 
@@ -60,9 +60,9 @@ def test_found_in_the_second_of_two_records(tmp_path):
     case = make_case("load-step", MACHINE, seed=7, **SHORT)
     case = replace(case, records=(quiet.records[0], replace(case.records[0], name="record2")))
     logs, _ = case.write_records(tmp_path)
-    answer = ask(tmp_path, logs, write_start(case, tmp_path), greybox_options(case),
+    answer = greybox_and_diagnose(tmp_path, logs, write_start(case, tmp_path), greybox_options(case),
                  ["--candidates", "load-step,friction-drift,quadratic-drag"])
-    assert (answer.verdict, answer.causes) == ("named", ("load-step",)), answer.talk
+    assert (answer.verdict, answer.causes) == ("named", ("load-step",)), answer.stderr
     truth = case.hidden[0].truth
     for name, value in (("step_torque", truth["load.load_step"]), ("step_time", truth["load.load_step_time"])):
         low, high = answer.parameters[f"load.{name}"]["ci95"]

@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from drivetool.check.fit.model import from_start
+from drivetool.check.fit.model import fit_from_start
 from drivetool.check.starts.scan import likely_orders
 from drivetool.check.verdict.order_map import order_maps
 from drivetool.drive import one_body
@@ -41,7 +41,7 @@ def base_of(order=6.0, amplitude=0.4, hertz=0.0, size=12_000, up=10.0, motion="r
                    ((0, size),), torque_is="command", **units)
     drive = one_body(units["torque_unit"], motion).with_values(
         {"motor.inertia": INERTIA / turn, "motor.viscous": 0.02 / turn})
-    return from_start(Task(drive, FREE, roles_of([e], drive), (e,)))
+    return fit_from_start(Task(drive, FREE, roles_of([e], drive), (e,)))
 
 
 def ridge_of(picture):
@@ -64,7 +64,7 @@ def test_a_torque_over_the_angle_is_an_upright_ridge_of_its_amplitude():
 
 
 @pytest.mark.parametrize(("amplitude", "hertz"), [(0.0, 0.0), (0.4, 40.0)])
-def test_neither_noise_nor_a_hum_is_an_upright_ridge(amplitude, hertz):
+def test_neither_noise_nor_a_fixed_frequency_is_an_upright_ridge(amplitude, hertz):
     base = base_of(amplitude=amplitude, hertz=hertz)
     (picture,) = order_maps(base, base.fitted.drive.values, ("Nm", "rad"))
     assert ridge_of(picture)[1] < 0.6 and not picture.curves
@@ -73,7 +73,7 @@ def test_neither_noise_nor_a_hum_is_an_upright_ridge(amplitude, hertz):
         assert drawn[drawn.any(axis=1)].mean() < 0.02
 
 
-def test_a_hum_bends_along_its_frequency():
+def test_a_fixed_frequency_is_a_curved_ridge():
     base = base_of(hertz=40.0, amplitude=0.8)
     (picture,) = order_maps(base, base.fitted.drive.values, ("Nm", "rad"))
     heat = picture.heat

@@ -8,12 +8,18 @@ from types import SimpleNamespace
 
 import pytest
 
-from drivetool.check.fit.residual_tests import Remainder
+from drivetool.check.fit.residual_tests import ResidualTests
 from drivetool.check.outcome.diagnosis import UNLISTED, CandidateResult, Facts, Gain, Round
-from drivetool.check.search.result import Found
+from drivetool.check.search.result import SelectedCauses
 from drivetool.check.verdict import facts as gathering
 from drivetool.check.verdict.facts import FACTS, facts_of
-from drivetool.check.verdict.rules import OF_SPEED, RULES, SCATTER, SEVERAL, judged
+from drivetool.check.verdict.rules import (
+    LOAD_BY_SPEED_TEXT,
+    RULES,
+    SEVERAL_LOADS_TEXT,
+    WEAK_SUPPORT_TEXT,
+    apply_rules,
+)
 
 CLEAR = Facts(causes=("backlash",), strongest="backlash", gained=300.0, before=1.0, after=0.3, scatter=0.05,
               floor=0.02)
@@ -77,7 +83,7 @@ NONE = Facts()
     (replace(LOADS, by_speed=0.89), "explained", "named"),
     (replace(LOADS, by_speed=0.91), "load-goes-with-speed", "undetermined"),
     (replace(LOADS, by_speed=0.91, load_changes=1), "explained", "named"),
-    # Records held out that ask for other values are the answer where nothing else is.
+    # Held-out records that need other values are the answer where there is no other.
     (replace(NONE, other_values=True), "held-out-differs", "unexplained"),
     (replace(NONE, other_values=True, faults=("outliers",)), "record-at-fault", "named"),
     (replace(NONE, other_values=True, faults=("outliers",), left=26.0), "held-out-differs", "unexplained"),
@@ -85,7 +91,7 @@ NONE = Facts()
     (replace(CLEAR, other_values=True, after=1.3), "held-out-differs", "unexplained"),
 ])
 def test_the_first_rule_that_holds_decides(facts, rule, verdict):
-    found = judged(facts)
+    found = apply_rules(facts)
     assert (found.rule, found.verdict) == (rule, verdict)
 
 
@@ -108,18 +114,18 @@ def test_every_rule_is_decided_by_somewhere():
      ""),
     (replace(NONE, faults=("wrong-scale",), by_model=("wrong-scale",)), ("wrong-scale",), (), ""),
     (replace(NOISY, causes=("imbalance", "backlash")), ("imbalance",), ("backlash", UNLISTED), ""),
-    (replace(CLEAR, hardly=("backlash",)), (), ("backlash", UNLISTED), SCATTER),
-    (replace(LOADS, left=14.0), (), ("load-step", UNLISTED), SEVERAL),
+    (replace(CLEAR, hardly=("backlash",)), (), ("backlash", UNLISTED), WEAK_SUPPORT_TEXT),
+    (replace(LOADS, left=14.0), (), ("load-step", UNLISTED), SEVERAL_LOADS_TEXT),
     (replace(LOADS, by_speed=0.91, causes=("backlash", "load-step")), ("backlash",), ("load-step", UNLISTED),
-     OF_SPEED)])
+     LOAD_BY_SPEED_TEXT)])
 def test_what_is_certain_and_what_it_may_be(facts, causes, between, doubt):
-    found = judged(facts)
+    found = apply_rules(facts)
     assert (found.causes, found.between, found.doubt) == (causes, between, doubt)
 
 
 def test_without_a_rule_the_next_decides():
     less = [r for r in RULES if r.name != "load-leaves-something"]
-    assert judged(replace(LOADS, left=14.0), less).verdict == "named"
+    assert apply_rules(replace(LOADS, left=14.0), less).verdict == "named"
 
 
 def test_facts_are_those_that_the_table_and_the_pages_name():
@@ -135,12 +141,12 @@ def test_facts_are_those_that_the_table_and_the_pages_name():
 
 
 def search_with(code, gain=300.0, left=0.0, time=0.0, sure=True, free=(), told=()):
-    """A search that found one cause in one round, and what it leaves; told: causes that blocks tell later."""
-    found = Found((code,), {}, {code: 50.0}, {code: ("x",)}, gain, frozenset(told))
+    """A search that found one cause in one round, and its residuals; told: causes that blocks confirm later."""
+    found = SelectedCauses((code,), {}, {code: 50.0}, {code: ("x",)}, gain, frozenset(told))
     line = CandidateResult(code, "", "named", gain, 0.2 * gain, 50.0, sure=sure)
     return SimpleNamespace(
         unasked="", faults=[SimpleNamespace(code="outliers", shaft=False)] * 2, found=found,
-        left=Remainder(left, 0.0, 0.0, time),
+        left=ResidualTests(left, 0.0, 0.0, time),
         rounds=[Round(code, (line,))], trained=(), folds=(), change=None, first=SimpleNamespace(model=None),
         model=SimpleNamespace(task=SimpleNamespace(free=free)))
 
@@ -163,7 +169,7 @@ def test_facts_of_a_search(gathered):
                           0.06, 0.02, None, 12.0, 0.001)
 
 
-def test_the_error_that_noise_makes_is_asked_for_where_it_may_hide_a_law(gathered):
+def test_the_error_by_noise_is_computed_where_it_may_hide_a_law(gathered):
     assert gathered(search_with("backlash"), torque=0.04).by_noise == 0.7
     assert gathered(search_with("backlash"), torque=0.02).by_noise is None
     loads = search_with("load-step", free=("load.step_torque", "load.step2_torque"))

@@ -1,4 +1,4 @@
-"""The search over sets of causes: what is fitted on top of a node, what is judged, what is the next one."""
+"""Forward selection: which causes are fitted on top of a node, which are cross-validated, and the next node."""
 
 from __future__ import annotations
 
@@ -10,18 +10,18 @@ import pytest
 from scipy.signal import lfilter
 
 from drivetool.check.causes.catalogue import CAUSES
-from drivetool.check.fit.model import Model, from_start
-from drivetool.check.fit.reduce import without_them
-from drivetool.check.fit.residual_tests import remainder
+from drivetool.check.fit.model import Model, fit_from_start
+from drivetool.check.fit.reduce import refit_without
+from drivetool.check.fit.residual_tests import run_residual_tests
 from drivetool.check.heldout.samples import split_of
 from drivetool.check.heldout.scores import Score
 from drivetool.check.outcome.diagnosis import DiagnoseOptions
 from drivetool.check.search import search as searching
-from drivetool.check.search.attempt import Screened, Tried
-from drivetool.check.search.beside import asked_beside
+from drivetool.check.search.candidate_fit import CandidateFit, Screened
 from drivetool.check.search.decision import Decision
-from drivetool.check.search.run_search import look
-from drivetool.check.search.search import Expansion, Node, Search
+from drivetool.check.search.exchange_pass import run_exchange_pass
+from drivetool.check.search.run_search import search_causes
+from drivetool.check.search.search import Expansion, ForwardSelection, Node
 from drivetool.drive import one_body, two_mass
 from drivetool.identify.setup import Task, roles_of
 from tests.recover import STEP, experiment
@@ -40,36 +40,36 @@ ROOT = Node((), model_of("base"), ())
 
 
 class Tries:
-    """Stands in for screens and fits: cause -> (what its best start promises, what its fit gains)."""
+    """Replaces screens and fits: cause -> (expected gain of its best start, gain of its fit)."""
 
     def __init__(self, monkeypatch, causes, left=30.0):
         self.causes, self.fitted, self.goals = causes, [], {}
-        monkeypatch.setattr(searching, "stand_at", lambda model: model)
+        monkeypatch.setattr(searching, "reference_model", lambda model: model)
         monkeypatch.setattr(searching, "screen", self.screen)
         monkeypatch.setattr(searching, "attempt", self.attempt)
         monkeypatch.setattr(searching, "as_special_case", lambda simple, *_: simple)
-        monkeypatch.setattr(searching, "remainder", lambda _: SimpleNamespace(total=left))
+        monkeypatch.setattr(searching, "run_residual_tests", lambda _: SimpleNamespace(total=left))
 
     def screen(self, cause, *_):
-        return Screened(cause, (SimpleNamespace(promise=self.causes[cause.code][0]),), {"x": 1.0})
+        return Screened(cause, (SimpleNamespace(expected_gain=self.causes[cause.code][0]),), {"x": 1.0})
 
     def attempt(self, screened, base, masks, more=(), goal=np.inf):
         code = screened.cause.code
         self.fitted.append(code)
         self.goals[code] = goal
-        return Tried(screened.cause, model_of(code, base.value - self.causes[code][1]), screened.smallest)
+        return CandidateFit(screened.cause, model_of(code, base.value - self.causes[code][1]), screened.smallest)
 
     def tried(self, node=ROOT, asked=False):
         """The causes on top of a node, by code."""
-        search = Search.__new__(Search)
-        search.masks, search.elsewhere = (), ()
-        found = search._tried(node, [CAUSES[c] for c in self.causes], asked, ())
+        search = ForwardSelection.__new__(ForwardSelection)
+        search.masks, search.alternative_bases = (), ()
+        found = search._fit_candidates(node, [CAUSES[c] for c in self.causes], asked, ())
         return {t.cause.code: t for t in found}
 
 
 @pytest.mark.parametrize(("promise", "fitted"), [(251.0, True), (239.0, False)])
-def test_the_most_promising_cause_comes_first_and_others_while_they_can_tie_with_it(monkeypatch, promise, fitted):
-    """A full fit gains four times its promise at most; twenty behind is no tie."""
+def test_the_largest_expected_gain_comes_first_and_others_while_they_can_tie_with_it(monkeypatch, promise, fitted):
+    """A full fit gains four times its expected gain at most; twenty behind is no tie."""
     tries = Tries(monkeypatch, {"quadratic-drag": (promise, 20.0), "coulomb-motor": (400.0, 1000.0)})
     found = tries.tried()
     assert tries.fitted == ["coulomb-motor", *["quadratic-drag"] * fitted]
@@ -83,7 +83,7 @@ def test_the_most_promising_cause_comes_first_and_others_while_they_can_tie_with
     ("quadratic-drag", 5.0, False), ("quadratic-drag", 7.0, True),
     # The whole record was looked at for a thousand orders.
     ("torque-ripple", 12.0, False), ("torque-ripple", 14.0, True)])
-def test_what_hardly_promises_anything_is_not_fitted_unless_it_is_asked_for(monkeypatch, code, promise, fitted):
+def test_a_small_expected_gain_is_not_fitted_unless_it_is_requested(monkeypatch, code, promise, fitted):
     tries = Tries(monkeypatch, {code: (promise, 3.0)})
     assert (tries.tried()[code].model is not None) == fitted
     assert tries.tried(asked=True)[code].model is not None
@@ -91,16 +91,16 @@ def test_what_hardly_promises_anything_is_not_fitted_unless_it_is_asked_for(monk
 
 @pytest.mark.parametrize(("promises", "fitted"), [
     ((400.0, 350.0, 300.0, 110.0), 4), ((400.0, 350.0, 300.0, 90.0), 3), ((400.0, 20.0, 18.0, 16.0), 3)])
-def test_a_quarter_of_the_best_promise_is_worth_a_fit_and_the_best_three_anyhow(monkeypatch, promises, fitted):
+def test_a_quarter_of_the_best_expected_gain_is_fitted_and_the_best_three_always(monkeypatch, promises, fitted):
     codes = ("coulomb-motor", "quadratic-drag", "asymmetric-friction", "imbalance")
     tries = Tries(monkeypatch, {c: (p, p) for c, p in zip(codes, promises, strict=True)})
-    monkeypatch.setattr(searching, "ATTAINED", 100.0)  # all of them can tie
+    monkeypatch.setattr(searching, "MAX_GAIN_RATIO", 100.0)  # all of them can tie
     tries.tried()
     assert sorted(tries.fitted) == sorted(codes[:fitted])
 
 
 @pytest.mark.parametrize(("surplus", "fitted"), [(1.5, False), (2.5, True)])
-def test_a_law_that_promises_no_more_than_its_special_case_waits_for_that(monkeypatch, surplus, fitted):
+def test_a_law_that_gains_no_more_than_its_special_case_waits_for_that(monkeypatch, surplus, fitted):
     tries = Tries(monkeypatch, {"coulomb-motor": (100.0, 110.0), "stribeck-motor": (100.0 + surplus, 112.0)})
     tries.tried()
     assert ("stribeck-motor" in tries.fitted) == fitted and "coulomb-motor" in tries.fitted
@@ -122,22 +122,22 @@ def test_what_costs_much_is_looked_for_where_nothing_else_explains_the_records(m
         replace(ROOT, causes=("backlash",)), asked=True)
 
 
-def judged(monkeypatch, gains, worth):
-    """Codes that are judged on samples held out; gains: on those fitted to, worth: on those held out."""
+def cross_validated(monkeypatch, gains, worth):
+    """Codes that are tested on held-out samples; gains: on training samples, worth: on held-out samples."""
     asked = []
 
     def score(model, *_):
         asked.append(model.code)
         return Score(model, np.full(4, worth[model.code] / 4.0), (), (), (model,))
 
-    monkeypatch.setattr(searching, "heard", lambda model, _: model)
+    monkeypatch.setattr(searching, "reestimate_noise", lambda model, _: model)
     monkeypatch.setattr(searching, "score", score)
-    search = Search.__new__(Search)
+    search = ForwardSelection.__new__(ForwardSelection)
     search.masks, search.split, search._folds = (), None, {id(ROOT.model): (ROOT.model, SimpleNamespace(
         model=ROOT.model, folds=()))}
-    tried = [Tried(CAUSES[c], model_of(c, -g), {}) for c, g in gains.items()]
-    tried.append(Tried(CAUSES["imbalance"], model_of("imbalance", -9e3), {}, "none", "no-gain"))
-    return asked, search._judged(ROOT, tried)
+    tried = [CandidateFit(CAUSES[c], model_of(c, -g), {}) for c, g in gains.items()]
+    tried.append(CandidateFit(CAUSES["imbalance"], model_of("imbalance", -9e3), {}, "none", "no-gain"))
+    return asked, search._cross_validated(ROOT, tried)
 
 
 @pytest.mark.parametrize(("second", "worth", "expected"), [
@@ -145,8 +145,9 @@ def judged(monkeypatch, gains, worth):
     (40.0, {"coulomb-motor": 90.0, "quadratic-drag": 30.0}, {"coulomb-motor"}),
     (40.0, {"coulomb-motor": -90.0, "quadratic-drag": 30.0}, {"coulomb-motor", "quadratic-drag"})],
     ids=["it may tie", "it cannot tie", "held out samples speak against the best"])
-def test_samples_held_out_judge_the_likeliest_cause_and_what_may_tie_with_it(monkeypatch, second, worth, expected):
-    asked, scores = judged(monkeypatch, {"coulomb-motor": 100.0, "quadratic-drag": second, "load-step": 1.0}, worth)
+def test_held_out_samples_test_the_best_and_what_may_tie(monkeypatch, second, worth, expected):
+    asked, scores = cross_validated(
+        monkeypatch, {"coulomb-motor": 100.0, "quadratic-drag": second, "load-step": 1.0}, worth)
     assert set(asked) == expected == {s.model.code for s in scores}
 
 
@@ -156,7 +157,7 @@ def test_a_law_takes_the_place_of_its_special_case_that_was_found_before(monkeyp
                 {"coulomb-motor": ("motor.coulomb",), "quadratic-drag": ("load.drag",)}, 300.0)
     model = model_of("stribeck-motor", -400.0, (*before, "motor.stribeck", "motor.stribeck_speed"))
     monkeypatch.setattr(searching, "with_parts", lambda model, _: model)
-    search = Search.__new__(Search)
+    search = ForwardSelection.__new__(ForwardSelection)
     search.masks = ()
     child = search._child(node, Score(model, np.full(4, 20.0), (), (), ("trained",)))
     assert child.causes == ("quadratic-drag", "stribeck-motor") and child.gained == 380.0
@@ -173,7 +174,7 @@ def test_one_more_of_its_kind_is_taken_where_samples_held_out_agree(monkeypatch,
     monkeypatch.setattr(searching, "with_parts", lambda model, _: model)
     monkeypatch.setattr(searching, "score", lambda model, *_: Score(
         model, np.full(4, gain / 4.0), (), (), ("more",)))
-    search = Search.__new__(Search)
+    search = ForwardSelection.__new__(ForwardSelection)
     search.masks, search.split, search._folds = (), None, {id(ROOT.model): (ROOT.model, SimpleNamespace(
         model=ROOT.model, folds=()))}
     child = search._child(ROOT, Score(one, np.full(4, 20.0), (), (), ("one",)))
@@ -181,13 +182,13 @@ def test_one_more_of_its_kind_is_taken_where_samples_held_out_agree(monkeypatch,
     assert (child.model, child.trained, child.gained) == expected
 
 
-def test_parts_of_friction_that_are_told_apart_are_trained_in_every_fold(monkeypatch):
-    """By a sum that is shared out by rule free runs would be judged, and a gap given up that is there."""
+def test_friction_that_can_be_split_is_trained_in_every_fold(monkeypatch):
+    """With a sum that is split by rule, the free-run test would reject a gap that is there."""
     whole, parted = model_of("backlash", -90.0), model_of("backlash", -180.0)
     monkeypatch.setattr(searching, "with_parts", lambda model, _: parted if model is whole else model)
     monkeypatch.setattr(searching, "score", lambda model, *_: Score(
         model, np.full(4, 40.0), (), (), (f"{model.value}",)))
-    search = Search.__new__(Search)
+    search = ForwardSelection.__new__(ForwardSelection)
     search.masks, search.split, search._folds = (), None, {id(ROOT.model): (ROOT.model, SimpleNamespace(
         model=ROOT.model, folds=()))}
     child = search._child(ROOT, Score(whole, np.full(4, 20.0), (), (), ("-90.0",)))
@@ -196,14 +197,14 @@ def test_parts_of_friction_that_are_told_apart_are_trained_in_every_fold(monkeyp
     assert (child.model, child.trained, child.gained) == (parted, ("as it was",), 80.0)
 
 
-class Steps(Search):
+class Steps(ForwardSelection):
     """A search whose steps are given: the causes found, one after the other, until None."""
 
     def __init__(self, found, rounds=3, wanted=CAUSES):
         self.found, self.options, self.wanted = list(found), DiagnoseOptions(rounds=rounds), frozenset(wanted)
         self.root, self.budgets, self.better = ROOT, [], {}
 
-    def _bettered(self, node, one):
+    def _improved_base(self, node, one):
         """The same node with another model, once, where it is so many causes deep."""
         value = self.better.pop(len(node.causes), None)
         return None if value is None else replace(node, model=replace(node.model, value=value))
@@ -223,7 +224,7 @@ class Steps(Search):
     # Nor is what was not to be looked for, whose special case, say, was.
     (["backlash", "imbalance", None], {"wanted": {"backlash"}}, ["backlash", None], "imbalance")])
 def test_node_after_node_until_nothing_more_is_found(monkeypatch, found, options, causes, unasked):
-    monkeypatch.setattr(searching, "exact", lambda _: False)
+    monkeypatch.setattr(searching, "exact_to_rounding", lambda _: False)
     search = Steps(found, **options)
     path, said = search.path()
     assert [e.round.cause for e in path] == causes and said == unasked
@@ -239,9 +240,9 @@ def test_a_path_that_goes_on_from_a_cause_has_what_that_left_of_budget_and_round
 
 
 @pytest.mark.parametrize("depth", [0, 1])
-def test_a_base_that_ends_likelier_elsewhere_is_begun_from_there_again(monkeypatch, depth):
+def test_the_search_restarts_from_a_base_that_ends_likelier_elsewhere(monkeypatch, depth):
     """Under the same budget: it is the same question."""
-    monkeypatch.setattr(searching, "exact", lambda _: False)
+    monkeypatch.setattr(searching, "exact_to_rounding", lambda _: False)
     search = Steps(["backlash", "imbalance", None])
     search.better = {depth: -50.0}
     path, _ = search.path()
@@ -254,7 +255,7 @@ def test_a_base_that_ends_likelier_elsewhere_is_begun_from_there_again(monkeypat
 
 @pytest.mark.parametrize(("value", "runs", "better"), [
     (-3.9, False, False), (-4.1, False, True), (9.0, False, False), (-90.0, True, False)])
-def test_a_cause_leads_a_base_out_of_its_valley_where_that_is_likelier_without_it(monkeypatch, value, runs, better):
+def test_a_cause_leads_a_base_out_of_its_local_optimum_where_that_is_likelier(monkeypatch, value, runs, better):
     """And free runs are no worse: noise may have taken the place of friction there."""
     asked = []
 
@@ -262,28 +263,28 @@ def test_a_cause_leads_a_base_out_of_its_valley_where_that_is_likelier_without_i
         asked.append(tuple(names))
         return replace(ROOT.model, code="backlash", value=value)
 
-    monkeypatch.setattr(searching, "without_them", without)
+    monkeypatch.setattr(searching, "refit_without", without)
     monkeypatch.setattr(searching, "fit", lambda model, _: model)
-    monkeypatch.setattr(searching, "runs_worse", lambda *_: runs)
-    monkeypatch.setattr(Search, "base", lambda _, model: SimpleNamespace(model=model, trained=("again",)))
-    search = Search.__new__(Search)
+    monkeypatch.setattr(searching, "free_runs_clearly_worse", lambda *_: runs)
+    monkeypatch.setattr(ForwardSelection, "base", lambda _, model: SimpleNamespace(model=model, trained=("again",)))
+    search = ForwardSelection.__new__(ForwardSelection)
     search.root, search.masks = ROOT, ()
     child = replace(ROOT, causes=("backlash",), model=model_of("backlash", -90.0, (*ROOT.model.task.free, "gap")))
-    found = search._bettered(ROOT, Expansion(ROOT, (), (), Decision(None, (), 0.0), (), child))
+    found = search._improved_base(ROOT, Expansion(ROOT, (), (), Decision(None, (), 0.0), (), child))
     assert asked == [("gap",)] and (found is not None) == better
     assert not better or (found.model.value, found.model.code, found.trained) == (value, "base", ("again",))
-    assert search._bettered(ROOT, Expansion(ROOT, (), (), Decision(None, (), 0.0), ())) is None
+    assert search._improved_base(ROOT, Expansion(ROOT, (), (), Decision(None, (), 0.0), ())) is None
 
 
 def test_nothing_is_looked_for_where_free_runs_of_the_base_leave_rounding_alone(monkeypatch):
-    monkeypatch.setattr(searching, "exact", lambda _: True)
+    monkeypatch.setattr(searching, "exact_to_rounding", lambda _: True)
     assert Steps(["backlash"]).path() == ([], "")
 
 
-def test_laws_are_tried_with_their_special_cases_whether_or_not_those_are_asked_for(monkeypatch):
-    monkeypatch.setattr(searching, "everything", lambda _: ())
-    monkeypatch.setattr(Search, "base", lambda *_: SimpleNamespace(trained=()))
-    search = Search(ROOT.model, None, ("stribeck-load",), (), DiagnoseOptions())
+def test_laws_are_fitted_with_their_special_cases_requested_or_not(monkeypatch):
+    monkeypatch.setattr(searching, "all_samples", lambda _: ())
+    monkeypatch.setattr(ForwardSelection, "base", lambda *_: SimpleNamespace(trained=()))
+    search = ForwardSelection(ROOT.model, None, ("stribeck-load",), (), DiagnoseOptions())
     assert {c.code for c in search.causes} == {"stribeck-load", "coulomb-load"}
 
 
@@ -304,7 +305,7 @@ def one_body_search(machine, codes, seed=3, size=6000, torque_noise=None):
     drive = one_body().with_values({"motor.inertia": 0.021, "motor.viscous": 0.009, "motor.idle_torque": 0.04})
     task = Task(drive, FREE, roles_of([record], drive), (record,))
     split = split_of((record,), 1, drive, task.roles)
-    return Search(from_start(task), split, codes, frozenset(codes), DiagnoseOptions())
+    return ForwardSelection(fit_from_start(task), split, codes, frozenset(codes), DiagnoseOptions())
 
 
 FRICTION = ("coulomb-motor", "stribeck-motor", "quadratic-drag", "asymmetric-friction")
@@ -317,7 +318,7 @@ def test_two_laws_of_one_body_are_found_one_after_the_other(codes, seed, size):
     machine = replace(BODY, coulomb=(0.08,), effects=Effects(quadratic=(4e-4,)))
     search = one_body_search(machine, codes, seed, size)
     path, unasked = search.path()
-    asked = asked_beside(search, path)
+    asked = run_exchange_pass(search, path)
     assert unasked == "" and sorted(asked.found.causes) == ["coulomb-motor", "quadratic-drag"]
     assert asked.found.between == ()
     values = asked.node.model.fitted.drive.values
@@ -353,10 +354,10 @@ def test_slow_noise_of_the_torque_is_nothing_that_is_missing():
     """The base of a record in which nothing is found is held against it under the noise that is likeliest."""
     slow = lfilter([0.006], [1.0, -0.995], np.random.default_rng(8).standard_normal(6000))
     search = one_body_search(BODY, ("quadratic-drag",), torque_noise=slow)
-    result = look(search, (), (), search.root.model.task.experiments)
+    result = search_causes(search, (), (), search.root.model.task.experiments)
     assert result.found.causes == () and result.left.total == 0.0
     assert result.model.noise.memory == pytest.approx(0.995, abs=0.003)
-    assert remainder(search.root.model).total > 100.0  # under white noise it would be
+    assert run_residual_tests(search.root.model).total > 100.0  # under white noise it would be
 
 
 def test_a_model_without_a_law_is_the_model_before_it():
@@ -372,10 +373,10 @@ def test_a_model_without_a_law_is_the_model_before_it():
                    free=(*model.task.free, *names))
     more = replace(model, task=task, problem=task.problem(), point=replace(model.point, values=np.array(
         [values[n] for n in task.free])))
-    less = without_them(more, names, drive, search.masks)
+    less = refit_without(more, names, drive, search.masks)
     assert set(less.task.free) == {*FREE, "motor.coulomb"} and set(less.task.drive.values) == {
         *model.task.drive.values}
     assert less.value == pytest.approx(model.value, abs=0.5)
-    none = without_them(less, ("motor.coulomb",), drive, search.masks)
+    none = refit_without(less, ("motor.coulomb",), drive, search.masks)
     assert none.task.free == search.root.model.task.free
     assert none.value == pytest.approx(search.root.model.value, abs=0.5)

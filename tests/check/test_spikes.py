@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from drivetool.check.faults.spikes import put_back, spikes, without_outliers, without_surprises
+from drivetool.check.faults.spikes import spikes, with_outliers_restored, without_model_outliers, without_outliers
 from drivetool.logs import Experiment
 from tests.recover import one_sensor
 
@@ -56,14 +56,14 @@ def test_what_is_spared_stays_and_what_was_left_out_comes_back_on_its_scale():
     assert finding.code == "outliers" and finding.evidence["count"] == 1
     assert list(np.flatnonzero(np.isnan(mended.signals["motor_speed"]))) == [1900]
     halved = replace(mended, signals={**mended.signals, "motor_speed": 0.5 * mended.signals["motor_speed"]})
-    (whole,) = put_back([halved], [e])
+    (whole,) = with_outliers_restored([halved], [e])
     np.testing.assert_allclose(whole.signals["motor_speed"], 0.5 * y, rtol=1e-12)
 
 
-def left_out(seed, **options):
+def outliers_of(seed, **options):
     """Samples that a fitted base finds impossible; none of them stands out from its neighbours."""
     base, _ = one_sensor(seed, 2e-5, **options)
-    (record,), findings = without_surprises(base, base.task.experiments)
+    (record,), findings = without_model_outliers(base, base.task.experiments)
     logged = base.task.experiments[0].signals["motor_speed"]
     assert len(spikes(logged)[0]) == 0
     out = list(np.flatnonzero(np.isfinite(logged) & ~np.isfinite(record.signals["motor_speed"])))
@@ -79,7 +79,7 @@ def left_out(seed, **options):
 @pytest.mark.parametrize("seed", [20, 23])
 def test_what_a_model_finds_impossible_is_left_out_and_what_went_on_is_not(seed):
     """A sensor that is wrong by seven times its noise, and a speed that did change by as much."""
-    assert left_out(seed, spikes={1000: 7.5, 2500: -8.0}) == [1000, 2500]
-    assert left_out(seed, kicks={1000: 7.5, 2500: -8.0}) == []
-    assert left_out(seed) == []
-    assert left_out(seed, spikes={1: 9.0}) == []  # what acted before the record is not known
+    assert outliers_of(seed, spikes={1000: 7.5, 2500: -8.0}) == [1000, 2500]
+    assert outliers_of(seed, kicks={1000: 7.5, 2500: -8.0}) == []
+    assert outliers_of(seed) == []
+    assert outliers_of(seed, spikes={1: 9.0}) == []  # what acted before the record is not known

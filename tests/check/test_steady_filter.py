@@ -8,17 +8,17 @@ import numpy as np
 import pytest
 from scipy.signal import lfilter
 
-from drivetool.check.fit.model import from_start
+from drivetool.check.fit.model import fit_from_start
 from drivetool.check.starts import scan
-from drivetool.check.starts.instants import _step_shape, load_steps
+from drivetool.check.starts.load_step_scan import _step_shape, load_steps
 from drivetool.check.starts.scan import (
-    HIGHEST,
-    LINES,
-    _over_angle,
-    asked_for,
+    MAX_RIPPLE_FREQUENCY,
+    RESPONSE_FREQUENCIES,
+    _order_spectrum,
     disturbance_response,
-    left_by,
+    equivalent_motor_torque,
     likely_orders,
+    response_energy,
     steady_filter,
 )
 from drivetool.identify.noise import filtered
@@ -116,7 +116,7 @@ def test_a_ripple_at_a_third_of_the_sampling_rate_is_looked_for():
                           white_noise(size, 1e-3 * machine.rated_torque, 1)).speeds[:, 0]
     record = experiment(torque, speed + white_noise(size, 1e-4 * np.abs(speed).max(), 2))
     drive = drive_like(machine, list(FREE))
-    base = from_start(Task(drive, FREE, roles_of([record], drive), (record,)))
+    base = fit_from_start(Task(drive, FREE, roles_of([record], drive), (record,)))
     way = np.ptp(np.cumsum(speed) * STEP)
     assert abs(likely_orders(base)[0] - order) < 2.0 * np.pi / way
 
@@ -125,14 +125,14 @@ def test_a_ripple_at_a_third_of_the_sampling_rate_is_looked_for():
 def test_the_score_of_an_order_is_what_its_shape_explains(turning):
     """What a torque of an order leaves, projected sample by sample; backwards the response is conjugate."""
     rng, size, step = np.random.default_rng(1), 3000, 1e-3
-    lines = np.linspace(0.0, HIGHEST / step, LINES + 1)[1:]
+    lines = np.linspace(0.0, MAX_RIPPLE_FREQUENCY / step, RESPONSE_FREQUENCIES + 1)[1:]
     # A low-pass of 8 ms, in closed form: its memory is short against the record.
     keep = np.exp(-1.0 / 8.0)
     response = ((1.0 - keep) / (1.0 - keep * np.exp(-2j * np.pi * lines * step)))[:, None]
     e = lfilter([1.0], [1.0, -0.9], rng.normal(size=size))  # hardly anything of it is faster than a ripple
     angle = turning * (np.cumsum(20.0 + 10.0 * np.sin(0.004 * np.arange(size))) * step + 0.3)
     reach = np.ptp(angle)
-    asked = _over_angle(asked_for(e[:, None], response, lines, step), angle, reach)
+    asked = _order_spectrum(equivalent_motor_torque(e[:, None], response, lines, step), angle, reach)
     place = angle - angle.min()
     for k in (8, 13, 40):
         order = k * np.pi / reach
@@ -142,13 +142,13 @@ def test_the_score_of_an_order_is_what_its_shape_explains(turning):
 
 def test_what_an_order_leaves_is_the_response_at_its_frequency_and_nothing_beyond_the_last_line():
     """A motor at 100 Hz backwards and at 200 Hz: the faster one is past all lines from an order of ten on."""
-    lines = np.arange(1.0, LINES + 1.0)
+    lines = np.arange(1.0, RESPONSE_FREQUENCIES + 1.0)
     response = np.array([0.6, 0.8j]) / (1.0 + 1j * lines / 300.0)[:, None]
     speed = 2.0 * np.pi * np.repeat([-100.0, 200.0], (300, 500))
     grid = np.array([0.5, 1.5, 9.5, 12.0, 25.0])
     hertz = np.outer(grid, [100.0, 200.0])
-    expected = np.where(hertz < LINES, 1.0 / (1.0 + (hertz / 300.0) ** 2), 0.0) @ [300.0, 500.0]
-    np.testing.assert_allclose(left_by(grid, speed, response, lines), expected, rtol=0.01)
+    expected = np.where(hertz < RESPONSE_FREQUENCIES, 1.0 / (1.0 + (hertz / 300.0) ** 2), 0.0) @ [300.0, 500.0]
+    np.testing.assert_allclose(response_energy(grid, speed, response, lines), expected, rtol=0.01)
 
 
 def test_a_motor_that_shakes_faster_than_a_ripple_is_followed_has_none(monkeypatch):
@@ -156,5 +156,5 @@ def test_a_motor_that_shakes_faster_than_a_ripple_is_followed_has_none(monkeypat
     step, speed = base.problem.traces[0].step, np.resize([1.0, -1.0], base.problem.traces[0].size)
     angle = np.concatenate(([0.0], np.cumsum(speed[:-1] * step)))
     monkeypatch.setattr(scan, "innovations", lambda base: ([np.zeros((len(speed), 1))], [angle], [speed]))
-    assert 4.0 * np.pi / np.ptp(angle) > HIGHEST * 2.0 * np.pi / step
+    assert 4.0 * np.pi / np.ptp(angle) > MAX_RIPPLE_FREQUENCY * 2.0 * np.pi / step
     assert likely_orders(base) == []

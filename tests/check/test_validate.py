@@ -8,7 +8,7 @@ import pytest
 import yaml
 
 from drivetool.check.validation.free_run_validation import validate
-from drivetool.check.validation.remarks import of_ranking
+from drivetool.check.validation.remarks import ranking_findings
 from drivetool.check.validation.result import ValidateOptions
 from drivetool.cli import command_line
 from drivetool.drive import one_body, two_mass
@@ -41,7 +41,7 @@ def record(room, name):
     return open_experiment(FIXTURES / room / f"{name}.parquet")
 
 
-def judged(room, name, noise=NOISE, options=None, **factors):
+def validated(room, name, noise=NOISE, options=None, **factors):
     """Validation of one model on one fixture record."""
     return validate([record(room, name)], [("m.yaml", truth(room, **factors), noise)],
                     options or ValidateOptions())
@@ -88,12 +88,12 @@ TRUE = {
 
 @pytest.mark.parametrize("room, name, options, noise", TRUE.values(), ids=TRUE)
 def test_true_model_passes(room, name, options, noise):
-    found = judged(room, name, noise, options)
+    found = validated(room, name, noise, options)
     check, = found.checks
     assert check.passed and check.max_correlation < 0.1 and check.correlation_p > 0.05
     assert check.one_step_fit_percent >= check.simulation_fit_percent - 0.1
     assert not [f for f in found.findings if f.severity != "note"]
-    assert found.verdict.startswith("Passed") and "nothing in what is left depends" in found.verdict
+    assert found.verdict.startswith("Passed") and "the residual does not depend" in found.verdict
     shown = {e.kind: e.curves for e in found.exhibits}
     y, s = shown["record"]["measured"][1], shown["record"]["simulated"][1]
     e = y - s
@@ -111,56 +111,56 @@ def test_true_model_passes(room, name, options, noise):
 # room, record, what is wrong, findings that must be there
 WRONG = {
     "stiffness": ("rig", "steps_holdout", {"shaft__stiffness": 1.2}, {"residual-depends-on-input"}),
-    "stiffness, gap": ("rig", "gap_holdout", {"shaft__stiffness": 1.2}, {"correlation-above-limit"}),
+    "stiffness, gap": ("rig", "gap_holdout", {"shaft__stiffness": 1.2}, {"limit-missed"}),
     "stiffness, reversing": ("reversing", "moves_holdout", {"shaft__stiffness": 1.2},
                              {"residual-depends-on-input"}),
-    "gap": ("rig", "gap_holdout", {"shaft__half_gap": 0.0}, {"correlation-above-limit"}),
+    "gap": ("rig", "gap_holdout", {"shaft__half_gap": 0.0}, {"limit-missed"}),
     "gap, reversing": ("reversing", "moves_holdout", {"shaft__half_gap": 0.0}, {"residual-depends-on-input"}),
-    "inertia": ("rig", "steps_holdout", {"motor__inertia": 1.05}, {"correlation-above-limit"}),
-    "inertia, gap": ("rig", "gap_holdout", {"motor__inertia": 1.05}, {"correlation-above-limit"}),
+    "inertia": ("rig", "steps_holdout", {"motor__inertia": 1.05}, {"limit-missed"}),
+    "inertia, gap": ("rig", "gap_holdout", {"motor__inertia": 1.05}, {"limit-missed"}),
     "inertia, reversing": ("reversing", "moves_holdout", {"motor__inertia": 1.05},
-                           {"correlation-above-limit"}),
-    "Coulomb": ("reversing", "moves_holdout", {"motor__coulomb": 0.0}, {"correlation-above-limit"}),
+                           {"limit-missed"}),
+    "Coulomb": ("reversing", "moves_holdout", {"motor__coulomb": 0.0}, {"limit-missed"}),
     "idle torque": ("rig", "steps_holdout", {"load__idle_torque": 1.01}, {"simulation-drifts"}),
 }
 
 
 @pytest.mark.parametrize("room, name, factors, wanted", WRONG.values(), ids=WRONG)
 def test_wrong_model_is_caught(room, name, factors, wanted):
-    found = judged(room, name, **factors)
+    found = validated(room, name, **factors)
     assert codes(found) >= wanted | {"residual-depends-on-input"}
     assert found.checks[0].correlation_p < 0.01 and found.unexplained
-    assert found.checks[0].passed == ("correlation-above-limit" not in codes(found))
+    assert found.checks[0].passed == ("limit-missed" not in codes(found))
     assert found.checks[0].passed or found.verdict.startswith("Not passed")
     if "load__idle_torque" not in factors:  # which torque noise estimated here takes for its own
-        assert judged(room, name, {}, **factors).checks[0].correlation_p < 0.01
+        assert validated(room, name, {}, **factors).checks[0].correlation_p < 0.01
 
 
 def test_drift_names_the_torque_that_is_missing():
-    found = judged("rig", "steps_holdout", load__idle_torque=1.05)
+    found = validated("rig", "steps_holdout", load__idle_torque=1.05)
     drift, = (f for f in found.findings if f.code == "simulation-drifts")
     assert drift.evidence["torque"] == pytest.approx(-0.05 * 15.14, rel=0.15)
     assert "too high" in drift.text and "0.7" in drift.text
-    lower = judged("rig", "steps_holdout", load__idle_torque=0.95)
+    lower = validated("rig", "steps_holdout", load__idle_torque=0.95)
     assert any("too low" in f.text for f in lower.findings)
 
 
 def test_drift_of_a_body_that_carries_a_mass():
     """500 of the 1089 Nm on the wheels of the bus are missing; behind a gear of 8.79 the motor gives less."""
-    found = judged("bus", "prbs1", {}, wheels__idle_torque=589.0 / 1089.0)
+    found = validated("bus", "prbs1", {}, wheels__idle_torque=589.0 / 1089.0)
     drift, = (f for f in found.findings if f.code == "simulation-drifts")
     assert drift.evidence["torque"] == pytest.approx(500.0 / 8.79, rel=0.02)
 
 
 @pytest.mark.parametrize("min_fit", [None, -200.0, -100.0])
-def test_a_model_that_explains_less_than_a_constant_fails_unless_that_is_asked_for(min_fit):
+def test_a_model_that_explains_less_than_a_constant_fails_unless_requested(min_fit):
     """A wrong idle torque of the bus, which the test of the residual takes for torque noise."""
-    found = judged("bus", "prbs1", {}, ValidateOptions(min_fit), wheels__idle_torque=589.0 / 1089.0)
+    found = validated("bus", "prbs1", {}, ValidateOptions(min_fit), wheels__idle_torque=589.0 / 1089.0)
     check, = found.checks
     assert check.simulation_fit_percent == pytest.approx(-172.6, abs=0.1)
     assert check.passed == (min_fit == -200.0) == found.verdict.startswith("Passed")
     failures = [f for f in found.findings if f.severity == "failure"]
-    assert [f.code for f in failures] == {None: ["explains-nothing"], -200.0: [], -100.0: ["fit-below-minimum"]}[
+    assert [f.code for f in failures] == {None: ["explains-nothing"], -200.0: [], -100.0: ["limit-missed"]}[
         min_fit]
     if min_fit is None:
         assert "less of the motor speed in prbs1" in failures[0].text and "-172.6 %" in failures[0].text
@@ -168,10 +168,10 @@ def test_a_model_that_explains_less_than_a_constant_fails_unless_that_is_asked_f
 
 
 def test_noise_across_a_gap_limits_the_free_run():
-    found = judged("rig", "gap_holdout", options=ValidateOptions(90.0))
-    assert codes(found) == {"fit-below-minimum", "noise-limits-the-free-run"}
+    found = validated("rig", "gap_holdout", options=ValidateOptions(90.0))
+    assert codes(found) == {"limit-missed", "free-run-noise-limited"}
     assert not found.checks[0].passed and "as much as the torque noise allows" in found.verdict
-    note, = (f for f in found.findings if f.code == "noise-limits-the-free-run")
+    note, = (f for f in found.findings if f.code == "free-run-noise-limited")
     low, fit, middle = (note.evidence[k] for k in (
         "attainable_fit_low", "simulation_fit_percent", "attainable_fit_median"))
     assert low < fit < 60.0 and low < middle < 60.0
@@ -245,7 +245,7 @@ def test_records_the_fit_has_seen_and_ranges_it_has_not():
     other = experiment(torque, name="other", motor_speed=motor + 0.0)
     models = [("a.yaml", drive, noise), ("a.yaml", drive, {})]
     found = validate([first, other], models, ValidateOptions(), [["first"], ["first", "other"]])
-    used = [f for f in found.findings if f.code == "record-was-used-for-the-fit"]
+    used = [f for f in found.findings if f.code == "not-held-out"]
     assert [f.text.split()[0] for f in used] == ["first", "first", "other"]
     assert [c.model for c in found.checks] == ["a.yaml (1)"] * 2 + ["a.yaml (2)"] * 2
     assert [c.file for c in found.checks] == ["first", "other"] * 2 and "no validation" not in found.verdict
@@ -253,7 +253,7 @@ def test_records_the_fit_has_seen_and_ranges_it_has_not():
     assert "this is no validation" in seen.verdict
     half = experiment(torque[:800], name="half", motor_speed=motor[:800])
     beyond = validate([half, first], models[:1], ValidateOptions(), [["half"]])
-    assert "outside-the-fitted-range" in codes(beyond) and "outside-the-fitted-range" not in codes(found)
+    assert "extrapolation" in codes(beyond) and "extrapolation" not in codes(found)
 
 
 def test_a_torque_that_never_changes_cannot_be_tested():
@@ -263,7 +263,7 @@ def test_a_torque_that_never_changes_cannot_be_tested():
     still = experiment(torque, motor_speed=noisy(run.speeds[:, 0], 1))
     found = validate([still], [("m", drive, noise)], ValidateOptions())
     assert "residual-not-testable" in codes(found) and found.checks[0].passed
-    assert np.isnan(found.checks[0].correlation_p) and "nothing in what is left" not in found.verdict
+    assert np.isnan(found.checks[0].correlation_p) and "the residual does not" not in found.verdict
 
 
 def test_a_signal_that_never_changes_has_no_fit_and_the_verdict_says_so():
@@ -281,11 +281,11 @@ def test_a_signal_that_never_changes_has_no_fit_and_the_verdict_says_so():
 @pytest.mark.parametrize("errors, turned", [
     (((1.0, 4.0), (2.0, 3.0)), True), (((1.0, 3.0), (2.0, 4.0)), False),
     (((1.0, 3.1), (2.0, 3.0)), False), (((1.0, 4.0), (1.04, 3.0)), False), (((1.0, 4.0),), False)])
-def test_a_ranking_that_turns_with_the_start_state_is_told(errors, turned):
-    check = judged("rig", "steps_holdout").checks[0]
+def test_a_ranking_that_depends_on_the_start_state_is_reported(errors, turned):
+    check = validated("rig", "steps_holdout").checks[0]
     checks = [replace(check, model=f"{i}.yaml", rmse=fitted, measured_start_rmse=begun)
               for i, (fitted, begun) in enumerate(errors)]
-    found = of_ranking([*checks, replace(check, file="other.parquet")])
+    found = ranking_findings([*checks, replace(check, file="other.parquet")])
     assert [f.code for f in found] == ["ranking-depends-on-start"] * turned
     assert not turned or "0.yaml errs least with a fitted start state and 1.yaml" in found[0].text
 
@@ -335,9 +335,9 @@ def test_exit_codes_and_files_at_the_command_line(tmp_path, monkeypatch, capfd):
     code, file, _ = call("-p", "good.yaml", "-p", "bad.yaml")
     assert code == 3 and [c["passed"] for c in file["checks"]] == [True, False]
     code, file, talk = call("-p", "seen.yaml")
-    assert code == 0 and "record-was-used-for-the-fit" in talk and "no validation" in file["verdict"]
+    assert code == 0 and "not-held-out" in talk and "no validation" in file["verdict"]
     assert call("-p", "seen.yaml", "--strict")[0] == 3
     for condition, said in (("keep from=4", False), ("keep from=1 to=2", False), ("keep from=3.5", True)):
         talk = call("-p", "part.yaml", "--condition", condition)[2]
-        assert ("record-was-used-for-the-fit" in talk) == said, condition
+        assert ("not-held-out" in talk) == said, condition
     assert call("-p", "good.yaml", "--quiet") == call("-p", "good.yaml", "--quiet")

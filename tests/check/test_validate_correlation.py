@@ -5,7 +5,7 @@ import pytest
 from scipy.signal import lfilter
 from scipy.stats import binom
 
-from drivetool.check.validation.correlation import block_length, correlate, lag_count, thinned, whiteness
+from drivetool.check.validation.correlation import block_averages, block_length, correlate, lag_count, whiteness
 
 STEP = 0.01
 
@@ -78,7 +78,7 @@ def test_alarms_by_chance(own, memory, feedback):
     assert np.mean(np.array(p) <= 0.3) > 0.05  # a test that never rejects is none
 
 
-def test_feedback_alone_is_seen_but_not_judged():
+def test_feedback_alone_is_reported_but_not_tested():
     rng = np.random.default_rng(5)
     e = rng.normal(size=1000)
     found = correlate([e], [(rng.normal(size=1000) + e)[:, None]], STEP, [], 1)
@@ -106,7 +106,7 @@ def test_blocks_keep_what_matters():
     assert lag_count(10_000, 0.01, [12.5]) == 40 and lag_count(60, 0.01, [12.5]) == 15
     e = np.arange(10.0)
     e[[2, 6, 7, 8]] = np.nan
-    found, inputs = thinned([e], [np.arange(20.0).reshape(10, 2)], 3)
+    found, inputs = block_averages([e], [np.arange(20.0).reshape(10, 2)], 3)
     assert found[0] == pytest.approx([1 / np.sqrt(2), 12 / np.sqrt(3), np.nan], nan_ok=True)
     assert inputs[0] == pytest.approx(np.array([[2, 3], [8, 9], [14, 15]]))
 

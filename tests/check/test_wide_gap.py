@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 import yaml
 
-from drivetool.check.fit.model import everything, from_start
+from drivetool.check.fit.model import all_samples, fit_from_start
 from drivetool.check.starts.base import torque_size
-from drivetool.check.starts.gap_scan import GAPS, half_gaps
+from drivetool.check.starts.gap_scan import HALF_GAP_TO_TWIST_GRID, half_gaps
 from drivetool.drive import two_mass
 from drivetool.identify.setup import Task, roles_of
 from tests.hidden import make_case
@@ -46,12 +46,12 @@ def test_a_gap_wider_than_the_twist_is_named_by_a_fit_that_has_arrived(wide):
     assert (answer.verdict, answer.causes) == ("named", ("backlash",))
     gap = answer.parameters["shaft.half_gap"]
     assert abs(gap["value"] - plain["shaft.half_gap"]) < 3.0 * gap["std"] < 0.002 * plain["shaft.half_gap"]
-    # What was fitted to one record foretells the other to nearly its sensor's noise, over all six blocks.
+    # A model of one record predicts the other to nearly its sensor's noise, over all six blocks.
     assert answer.gain["held_out_rmse_after"] < 2.0 * answer.gain["noise_floor"]
 
 
 @pytest.mark.slow
-def test_the_error_before_is_that_of_the_file_where_a_base_fitted_again_foretells_worse(wide):
+def test_the_error_before_is_that_of_the_file_where_a_refitted_base_predicts_worse(wide):
     answer, _, rmse = wide
     assert answer.gain["held_out_rmse_before"] == pytest.approx(rmse, rel=0.1)
 
@@ -59,7 +59,7 @@ def test_the_error_before_is_that_of_the_file_where_a_base_fitted_again_foretell
 @pytest.mark.slow
 @pytest.mark.parametrize(("twists", "machine"), [(1.0, 96101), (5.0, 96105), (10.0, 96110)])
 def test_gaps_many_times_the_twist_are_looked_at(twists, machine):
-    """A stiff shaft in a worn coupling; the load has a sensor, without which nothing tells where it flies."""
+    """A stiff shaft in a worn coupling; the load has a sensor, without which free flight is not identifiable."""
     case = make_case("backlash", machine, sensors=("motor_speed", "load_speed"), size=twists, seed=machine,
                      duration=4.0)
     logged = case.records[0].logged
@@ -67,7 +67,8 @@ def test_gaps_many_times_the_twist_are_looked_at(twists, machine):
     values = plain_values(case.rig)
     drive = two_mass().with_values(values)
     task = Task(drive, tuple(n for n in drive.quantities if n in values), roles_of([record], drive), (record,))
-    base = from_start(task, everything(task.problem()), most=0)
+    base = fit_from_start(task, all_samples(task.problem()), max_iterations=0)
     found = half_gaps(base, "shaft.half_gap", torque_size(base, "shaft"))
     truth = case.hidden[0].truth["shaft.half_gap"]
-    assert min(abs(np.log(np.array(found) / truth))) < np.log(GAPS[1] / GAPS[0])  # from there a fit goes on
+    # From there a fit goes on.
+    assert min(abs(np.log(np.array(found) / truth))) < np.log(HALF_GAP_TO_TWIST_GRID[1] / HALF_GAP_TO_TWIST_GRID[0])

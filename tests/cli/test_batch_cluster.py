@@ -1,4 +1,4 @@
-"""The same work on a Dask cluster, and what is said where there is none."""
+"""The same work on a Dask cluster, and the message where there is none."""
 
 import sys
 
@@ -30,7 +30,7 @@ def test_nobody_answers(here, call, monkeypatch):
     pytest.importorskip("dask.distributed")
     from drivetool.site.pool import dask_cluster as cluster
 
-    monkeypatch.setattr(cluster, "PATIENCE", 1.0)
+    monkeypatch.setattr(cluster, "SCHEDULER_TIMEOUT", 1.0)
     sites.small(here, count=1)
     code, out, err = call("batch", "site.yaml", "--scheduler", "tcp://127.0.0.1:9")
     assert (code, out) == (1, "") and err.count("\n") == 1

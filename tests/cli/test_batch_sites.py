@@ -1,4 +1,4 @@
-"""Site files: machines, kinds, earlier files, judges and bars; and what is wrong with one, in a sentence."""
+"""Site files: machines, kinds, earlier files, held-out recordings and bars; one sentence for each error."""
 
 from dataclasses import replace
 from pathlib import Path
@@ -8,10 +8,10 @@ import yaml
 
 from drivetool.files.shapes import BarSection, RecordingsSection
 from drivetool.site.plan import Machine, Recording
-from drivetool.site.plan.recipe import Step
-from drivetool.site.plan.tasks import Maker, Output, judging, newest
-from drivetool.site.results import Entry, Told
-from drivetool.site.verdicts import judge
+from drivetool.site.plan.recipe import RecipeStep
+from drivetool.site.plan.tasks import Output, TaskBuilder, find_newest_output, holdout_recording
+from drivetool.site.results import Entry, StepResult
+from drivetool.site.verdicts import evaluate_bars
 from tests import sites
 
 
@@ -21,7 +21,7 @@ def here(tmp_path, monkeypatch):
     return tmp_path
 
 
-STEADY = Step("steady", "a", "steady", (), (), False, None, {})
+STEADY = RecipeStep("steady", "a", "steady", (), (), False, None, {})
 
 
 def machine(*kinds):
@@ -34,11 +34,12 @@ def machine(*kinds):
 def test_a_recording_takes_the_newest_file_before_it_else_the_first_after():
     press = machine("a", "b", "a", "b", "a")
     have = {("steady", "press", f"{i}.parquet"): Output(f"file{i}", "") for i in (3, 5)}
-    assert [newest(have, STEADY, press, order)[0].sha256 for order in range(1, 6)] == [
+    assert [find_newest_output(have, STEADY, press, order)[0].sha256 for order in range(1, 6)] == [
         "file3", "file3", "file3", "file3", "file5"]
-    assert newest({}, STEADY, press, 1) is None
+    assert find_newest_output({}, STEADY, press, 1) is None
     joint = replace(STEADY, joint=True)
-    assert newest({("steady", "press", ""): Output("all", "")}, joint, press, 1)[1] == "press/steady.yaml"
+    have = {("steady", "press", ""): Output("all", "")}
+    assert find_newest_output(have, joint, press, 1)[1] == "press/steady.yaml"
 
 
 def test_which_recording_judges_another():
@@ -46,16 +47,16 @@ def test_which_recording_judges_another():
     first, second, third, fourth = press.recordings
 
     def judges(word):
-        return [judging(word, press, r) for r in press.recordings]
+        return [holdout_recording(word, press, r) for r in press.recordings]
 
     assert judges("next") == [third, fourth, first, second]
     assert judges("previous") == [third, fourth, first, second]
     assert judges("b") == [second, fourth, second, second]
     alone = machine("a", "b")
-    assert judging("next", alone, alone.recordings[0]) is None
+    assert holdout_recording("next", alone, alone.recordings[0]) is None
     copy = replace(third, sha256=first.sha256)
     twins = Machine("press", (first, copy))
-    assert judging("next", twins, first) is None
+    assert holdout_recording("next", twins, first) is None
 
 
 @pytest.mark.parametrize("command, words", [
@@ -63,9 +64,9 @@ def test_which_recording_judges_another():
     ("diagnose", ["diagnose", "--segment", "1", "--params", "out/1/steady.yaml", "--holdout", "3.parquet",
                   "--", "1.parquet"])])
 def test_the_words_of_a_step_that_another_recording_judges(command, words):
-    step = Step("judged", "a", command, ("--segment", "1"), ("steady",), False, "next", {})
+    step = RecipeStep("judged", "a", command, ("--segment", "1"), ("steady",), False, "next", {})
     have = {("steady", "m", "1.parquet"): Output("file", "made of")}
-    maker = Maker("out", {"steady": STEADY}, {}, have)
+    maker = TaskBuilder("out", {"steady": STEADY}, {}, have)
     press = replace(machine("a", "b", "a"), name="m")
     task = maker.tasks(step, press)[0]
     assert task.words == words and task.output == "1/judged.yaml"
@@ -76,15 +77,16 @@ def test_the_words_of_a_step_that_another_recording_judges(command, words):
 
 
 def test_bars():
-    told = Told((("shaft.half_gap", 0.004, "rad", None, None, None, "fitted"),
+    verdict = StepResult((("shaft.half_gap", 0.004, "rad", None, None, None, "fitted"),
                  ("motor.coulomb", None, "Nm", None, None, None, "not-identifiable")),
                 {"simulation_fit_percent": 91.0}, None, True,
                 (("warning", "w", "A warning."), ("note", "n", "A note.")))
-    entries = [Entry("a", "press", "k", None, 1, "greybox", told),
+    entries = [Entry("a", "press", "k", None, 1, "greybox", verdict),
                Entry("b", "press", "k", None, 2, "greybox", None, "no")]
 
     def text(**bar):
-        return {(c.recording, c.name): c.text for c in judge(entries, [BarSection(**bar)]) if "runs" not in c.name}
+        return {(c.recording, c.name): c.text for c in evaluate_bars(entries, [BarSection(**bar)])
+                if "runs" not in c.name}
 
     from drivetool.files.shapes import MeasureSection
 
@@ -101,10 +103,11 @@ def test_bars():
     assert "available: motor.coulomb, shaft.half_gap" in nowhere["", "shaft.gap at most 1"]
     assert "A warning." in text(findings="no-warning")["a", "no findings of severity failure or warning"]
     assert text(findings="no-failure") == {("a", "no findings of severity failure"): ""}
-    none = judge([entries[1]], [BarSection(findings="no-failure")])[-1]
+    none = evaluate_bars([entries[1]], [BarSection(findings="no-failure")])[-1]
     assert none.text == ("wanted no findings of severity failure; found no file of any step. See the problems in "
                          "the summary.")
-    ran = {c.recording: (c.passed, c.text, c.warnings) for c in judge(entries, []) if c.name == "greybox runs"}
+    ran = {c.recording: (c.passed, c.text, c.warnings) for c in evaluate_bars(entries, [])
+           if c.name == "greybox runs"}
     assert ran == {"a": (True, "", ("w: A warning.",)), "b": (False, "no", ())}
 
 
@@ -125,7 +128,7 @@ def test_machines_by_name_metadata_and_files_beside_the_site_file(here, call):
     found = {r["recording"]: r["machine"] for r in rows if r["step"] == "steady" or r["problem"]}
     assert found == {"flat/press3_01.parquet": "press3", "here.parquet": "machine", "noted/a.parquet": "S 7/2",
                      "noted/b.parquet": "", "noted/c.mcap": "M1"}
-    assert "wanted the metadata 'serial' to tell the machine of noted/b.parquet; found only nothing there" in err
+    assert "wanted the metadata 'serial' to name the machine of noted/b.parquet; found only nothing there" in err
     assert Path("site-results/S 7_2/all.yaml").exists()
     assert {(r["recording"], r["order"]) for r in rows if r["step"] == "all" and not r["problem"]} == {("", 0)}
 
@@ -232,5 +235,5 @@ def test_what_changed_is_said_on_the_page_and_its_machine_comes_first(here, call
     page = (here / "site-results/index.html").read_text()
     assert code == 0 and page.index("<td>press2</td>") < page.index("<td>press1</td>")
     assert "Motor Coulomb friction of press2 grew from 0.3" in page and "trends.yaml" in page
-    assert "logs/press1/3.parquet lies far from the others" in page
-    assert "warning: logs/press1/3.parquet lies far from the others" in err
+    assert "logs/press1/3.parquet is an outlier: it gives" in page
+    assert "warning: logs/press1/3.parquet is an outlier: it gives" in err

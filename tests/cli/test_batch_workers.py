@@ -9,11 +9,11 @@ import threading
 import pytest
 
 from drivetool.cli.command_line import run_words
-from drivetool.site.pool import Limits, Pool, once
+from drivetool.site.pool import Limits, Pool, all_at_once
 from drivetool.site.pool.pool import Worker
 from tests import sites
 
-ENOUGH = Limits(60.0, 2000.0)
+AMPLE_LIMITS = Limits(60.0, 2000.0)
 
 
 @pytest.fixture
@@ -22,7 +22,7 @@ def here(tmp_path, monkeypatch):
     return tmp_path
 
 
-def looks(folder, *names):
+def write_recordings(folder, *names):
     return [{"folder": str(folder), "look": name, "map": None} for name in names]
 
 
@@ -34,13 +34,14 @@ def test_a_task_that_never_ends_and_one_whose_worker_is_killed(here):
     os.mkfifo("endless.parquet")
     pool = Pool(1, Limits(8.0, 2000.0), run_words)
     try:
-        answers = dict(pool.serve(once(looks(here, "good.parquet", "endless.parquet", "later.parquet"))))
+        answers = dict(pool.serve(all_at_once(write_recordings(here, "good.parquet", "endless.parquet",
+                                                               "later.parquet"))))
         assert answers[0]["metadata"] == answers[2]["metadata"] == {"serial": "7"}
         assert answers[1]["ended"] == "time" and "within 8 s (--time-limit)" in answers[1]["said"]
-        pool.limits = ENOUGH
+        pool.limits = AMPLE_LIMITS
         [victim] = pool.workers
         threading.Timer(1.0, os.kill, (victim.process.pid, signal.SIGKILL)).start()
-        answers = dict(pool.serve(once(looks(here, "endless.parquet", "good.parquet"))))
+        answers = dict(pool.serve(all_at_once(write_recordings(here, "endless.parquet", "good.parquet"))))
         assert answers[0]["ended"] == "died" and "signal 9, SIGKILL" in answers[0]["said"]
         assert answers[1]["metadata"] == {"serial": "7"}
     finally:
@@ -69,7 +70,7 @@ def test_in_a_site_a_recording_that_kills_its_worker_and_one_that_never_ends_are
 
     def harmed(worker, index, task):
         name = " ".join(task.get("words", ()))
-        give(worker, index, looks(here, "endless")[0] if "03.parquet" in name else task)
+        give(worker, index, write_recordings(here, "endless")[0] if "03.parquet" in name else task)
         if "02.parquet" in name:
             worker.process.kill()
 
@@ -102,7 +103,7 @@ def test_a_worker_ends_with_its_parent(here):
     """Its input ends, whatever it is at."""
     os.mkfifo("endless.parquet")
     worker = Worker(queue.Queue(), run_words)
-    worker.give(0, looks(here, "endless.parquet")[0])
+    worker.give(0, write_recordings(here, "endless.parquet")[0])
     worker.process.stdin.close()
     assert worker.process.wait(30) == 0
     worker.kill()

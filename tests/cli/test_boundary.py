@@ -21,14 +21,14 @@ import drivetool
 from drivetool.cli import command_line
 from drivetool.cli.output import exit_codes
 from drivetool.errors import Finding, NotEnoughData
-from drivetool.identify.estimate import Estimate, Exhibit, Parameter
+from drivetool.identify.estimate import Estimate, Parameter, PlotData
 from tests.places import ROOT
 
 HAND = "schema: drivetool/parameters/1\nparameters: {motor.inertia: 0.4, load.inertia: 5.6}\n"
 
 
 def estimator(experiments, drive, options):
-    """Stands in for every estimator; the seed says what happens."""
+    """Stands in for every estimator; the seed selects the outcome."""
     if options.seed == 4:
         raise NotEnoughData("a gap that opens", "none", "Reverse the torque.")
     if options.seed == 5:
@@ -40,7 +40,7 @@ def estimator(experiments, drive, options):
         logging.getLogger("some.library").warning("no glyph for something")
     severity = {2: "warning", 3: "failure"}.get(options.seed, "note")
     drive = drive.with_values({"motor.inertia": 2 * (drive.value("motor.inertia") or 0.5)})
-    exhibits = tuple(Exhibit("record", "Fit", "time [s]", "motor speed [rad/s]", {
+    exhibits = tuple(PlotData("record", "Fit", "time [s]", "motor speed [rad/s]", {
         "measured": (e.time, e.signals["motor_speed"])}) for e in experiments)
     return Estimate(
         "greybox", drive, (Parameter("motor.inertia", drive.values["motor.inertia"], "kg m^2", 0.5, 0.01),),
@@ -76,7 +76,7 @@ def process(*words, stdin=None, module="drivetool.cli.main"):
                           capture_output=True, text=True, timeout=120)
 
 
-def test_help_lists_the_commands_and_version_is_told():
+def test_help_lists_the_commands_and_version_is_printed():
     done = process("--help")
     assert done.returncode == 0 and not done.stderr
     for command in command_line.COMMANDS:

@@ -8,8 +8,8 @@ import yaml
 from tests.bus_fixtures import BUS
 from tests.places import FIXTURES
 
-ROOM = FIXTURES / "bus"
-GIVEN = ("--params", ROOM / "drive.yaml")
+FOLDER = FIXTURES / "bus"
+DRIVE = ("--params", FOLDER / "drive.yaml")
 METHOD = ("--method", "acceleration")
 
 
@@ -24,7 +24,7 @@ def clamped(log):
 @pytest.mark.slow
 @pytest.mark.parametrize("suffix", ["parquet", "mcap"])
 def test_acceleration_in_both_formats(call, tmp_path, suffix):
-    code, _, err = call("steady", ROOM / f"acceleration.{suffix}", *METHOD, *GIVEN, "--set", "motor.inertia=4.5",
+    code, _, err = call("steady", FOLDER / f"acceleration.{suffix}", *METHOD, *DRIVE, "--set", "motor.inertia=4.5",
                         "--out", tmp_path / "out.yaml", "--plot", tmp_path / "pictures")
     assert code == 0, err
     found = content_of(tmp_path / "out.yaml")
@@ -39,15 +39,15 @@ def test_acceleration_in_both_formats(call, tmp_path, suffix):
 @pytest.mark.slow
 @pytest.mark.parametrize("suffix", ["parquet", "mcap"])
 def test_a_clamped_record_in_both_formats_and_by_standard_input(call, tmp_path, monkeypatch, suffix):
-    monkeypatch.setattr("sys.stdin", io.TextIOWrapper(io.BytesIO((ROOM / "drive.yaml").read_bytes())))
-    log = ROOM / f"held.{suffix}"
+    monkeypatch.setattr("sys.stdin", io.TextIOWrapper(io.BytesIO((FOLDER / "drive.yaml").read_bytes())))
+    log = FOLDER / f"held.{suffix}"
     code, _, err = call("greybox", log, *clamped(log), "--params", "-", "--out", tmp_path / "out.yaml")
     assert code == 0, err
     found = content_of(tmp_path / "out.yaml")["parameters"]
     for name in ("motor.inertia", "shaft.stiffness", "shaft.damping"):
         assert abs(found[name]["value"] - BUS[name]) < 3.0 * found[name]["std"], name
     assert found[f"wheels.clamped@held.{suffix}"]["value"] == 1.0
-    # The next step knows by the recording's content that it was clamped.
+    # The next step recognises the clamped recording by its content.
     code, _, err = call("validate", log, "--params", tmp_path / "out.yaml", "--out", tmp_path / "check.yaml")
     (check,) = content_of(tmp_path / "check.yaml")["checks"]
     assert "Traceback" not in err and check["simulation_fit_percent"] > 85.0
@@ -55,9 +55,9 @@ def test_a_clamped_record_in_both_formats_and_by_standard_input(call, tmp_path, 
 
 @pytest.mark.slow
 def test_the_mass_of_a_clamped_file_goes_into_the_rolling_one(call, tmp_path):
-    log = ROOM / "held.parquet"
-    call("greybox", log, *clamped(log), *GIVEN, "--out", tmp_path / "held.yaml")
-    code, _, err = call("steady", ROOM / "acceleration.parquet", *METHOD, "--params", tmp_path / "held.yaml",
+    log = FOLDER / "held.parquet"
+    call("greybox", log, *clamped(log), *DRIVE, "--out", tmp_path / "held.yaml")
+    code, _, err = call("steady", FOLDER / "acceleration.parquet", *METHOD, "--params", tmp_path / "held.yaml",
                         "--out", tmp_path / "out.yaml")
     assert code == 0, err
     plain = content_of(tmp_path / "out.yaml")["parameters"]
@@ -67,40 +67,40 @@ def test_the_mass_of_a_clamped_file_goes_into_the_rolling_one(call, tmp_path):
     assert plain["shaft.stiffness"]["value"] > 1e6 and "shaft.stiffness" in str(plain)
 
 
-@pytest.mark.parametrize("words, said", [
+@pytest.mark.parametrize("words, message", [
     (("clamped=wheel",), "Did you mean 'wheels'"),
     (("clamped=motor",), "motor at standstill"), (("clamped=",), "a body after clamped="),
     (("wheels.clamped=1",), "clamped=BODY after --record FILE")])
-def test_a_clamp_that_is_none(call, tmp_path, words, said):
-    log = ROOM / "held.parquet"
-    code, _, err = call("greybox", log, "--record", log, *words, *GIVEN, "--out", tmp_path / "out.yaml")
-    assert code not in (0, 3) and said in err and "Traceback" not in err and not (tmp_path / "out.yaml").exists()
+def test_a_clamp_that_is_none(call, tmp_path, words, message):
+    log = FOLDER / "held.parquet"
+    code, _, err = call("greybox", log, "--record", log, *words, *DRIVE, "--out", tmp_path / "out.yaml")
+    assert code not in (0, 3) and message in err and "Traceback" not in err and not (tmp_path / "out.yaml").exists()
 
 
 def test_a_bus_that_rolls_is_not_clamped(call):
-    log = ROOM / "acceleration.parquet"
-    code, _, err = call("greybox", log, *clamped(log), *GIVEN)
+    log = FOLDER / "acceleration.parquet"
+    code, _, err = call("greybox", log, *clamped(log), *DRIVE)
     assert code not in (0, 3) and "turns on at" in err and "clamp it and record again" in err
 
 
 def test_steady_of_an_acceleration_names_the_method(call):
-    code, _, err = call("steady", ROOM / "acceleration.parquet", *GIVEN)
+    code, _, err = call("steady", FOLDER / "acceleration.parquet", *DRIVE)
     assert code not in (0, 3) and "--method acceleration" in err
 
 
 @pytest.mark.slow
 def test_uphill_and_downhill(call, tmp_path):
-    code, _, err = call("steady", ROOM / "uphill.mcap", ROOM / "downhill.parquet", *METHOD, *GIVEN, "--set",
+    code, _, err = call("steady", FOLDER / "uphill.mcap", FOLDER / "downhill.parquet", *METHOD, *DRIVE, "--set",
                         "motor.inertia=4.5", "--out", tmp_path / "out.yaml")
     assert code == 0, err
-    (slope,) = [f for f in content_of(tmp_path / "out.yaml")["findings"] if f["code"] == "slope-of-the-road"]
+    (slope,) = [f for f in content_of(tmp_path / "out.yaml")["findings"] if f["code"] == "constant-load"]
     assert slope["evidence"]["slope_percent"] == pytest.approx(0.5, abs=0.05)
 
 
 @pytest.mark.slow
 def test_diagnose_of_a_clamped_record_finds_nothing(call, tmp_path):
     """The friction that a clamp leaves out is a cause by its sum, which has no body to be referred to."""
-    log = ROOM / "held.parquet"
-    call("greybox", log, *clamped(log), *GIVEN, "--out", tmp_path / "held.yaml")
+    log = FOLDER / "held.parquet"
+    call("greybox", log, *clamped(log), *DRIVE, "--out", tmp_path / "held.yaml")
     code, _, err = call("diagnose", log, "--params", tmp_path / "held.yaml", "--out", tmp_path / "found.yaml")
     assert code == 0 and "diagnosis-nothing-found" in err, err

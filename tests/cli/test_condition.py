@@ -73,8 +73,8 @@ def test_the_steps_are_noted(folder, call, command):
     assert code in (0, 3), err
     content = yaml.safe_load(out)
     assert content["options"]["condition"] == STEPS
-    told = [f["evidence"]["step"] for f in content["findings"] if f["code"] == "conditioned"]
-    assert told[:2] == ["despike", "lowpass"]
+    noted = [f["evidence"]["step"] for f in content["findings"] if f["code"] == "conditioned"]
+    assert noted[:2] == ["despike", "lowpass"]
 
 
 def test_simulate_notes_them_in_its_table(folder, call):

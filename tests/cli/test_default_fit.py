@@ -1,4 +1,4 @@
-"""The default fit at the command line: laws that the drive lacks, and records that tell ratios."""
+"""The default fit at the command line: laws that the drive lacks, and records that identify ratios alone."""
 
 import re
 from dataclasses import replace
@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 import yaml
 
-from drivetool.identify.laws.laws import UNFELT
+from drivetool.identify.laws.laws import MEASUREMENT_NOISE
 from tests.simulator.records import write_parquet
 from tests.study.missing_laws.record import draw
 from tests.study.two_masses import record as two_masses
@@ -33,7 +33,7 @@ def drawn(call, folder, record, *words, **more):
     return fitted(call, folder, channels, record.step, *start, *words, **more)
 
 
-def error(content, name, truth):
+def error_and_coverage(content, name, truth):
     """(error over the truth, whether the interval holds it; None: there is none)."""
     line = content["parameters"][name]
     low, high = line["ci95"] or (np.inf, -np.inf)
@@ -44,21 +44,21 @@ def error(content, name, truth):
 @pytest.mark.parametrize("situation, size, number, seed, law", [
     ("asymmetry", "L", 6, 106, "friction differs by direction"),
     ("cogging", "L", 3, 103, "torque repeats 16 times a turn"),
-    ("log-noise", "M", 2, 102, UNFELT)])
+    ("log-noise", "M", 2, 102, MEASUREMENT_NOISE)])
 def test_a_missing_law_is_named_and_does_not_bend_the_inertia(call, tmp_path, situation, size, number, seed, law):
     record = draw(situation, size, number, seed, 4.0)
     content = drawn(call, tmp_path, record)
     plain = drawn(call, tmp_path, record, "--criterion", "innovations")
-    off, holds = error(content, "motor.inertia", record.truth.inertia)
-    was_off, held = error(plain, "motor.inertia", record.truth.inertia)
+    off, holds = error_and_coverage(content, "motor.inertia", record.truth.inertia)
+    was_off, held = error_and_coverage(plain, "motor.inertia", record.truth.inertia)
     assert holds and not held and off < 0.7 * was_off
     assert law in [found["name"] for found in content["laws"]]
     texts = {f["code"]: f["text"] for f in content["findings"]}
-    if law == UNFELT:  # nothing is missing from the drive
-        assert "noise of its measurement" in texts["torque-noise-unfelt"]
+    if law == MEASUREMENT_NOISE:  # nothing is missing from the drive
+        assert "measurement noise" in texts["torque-measurement-noise"]
     else:
         assert "lacks something physical" in texts["model-error"] and law in texts["model-error"]
-    said = r"[1-5] laws? that the motion foretells taken out, what is left is taken as"
+    said = r"[1-5] laws? removed after a test on held-out data, the residual is modelled as"
     assert re.match(said, content["explanation"])
     assert not plain.get("laws") and not plain.get("explanation")
     assert plain["parameters"]["motor.inertia"].get("std_noise") is None
@@ -77,7 +77,7 @@ def test_a_right_model_is_fitted_as_by_innovations(call, tmp_path):
         a, b = (c["parameters"][name] for c in (content, plain))
         assert abs(a["value"] - b["value"]) < 0.3 * b["std"]
         assert a["std"] < 2.5 * b["std"]
-        assert error(content, name, truth)[1]
+        assert error_and_coverage(content, name, truth)[1]
 
 
 @pytest.mark.slow
@@ -92,7 +92,7 @@ def test_friction_that_falls_over_the_speed_ends_on_the_bound_and_goes_on(call, 
     assert level == pytest.approx(np.mean(record.truth.curve), rel=0.05)
     log, model = tmp_path / "r.parquet", tmp_path / "o.yaml"
     code, _, err = call("validate", log, "-p", model, "--out", tmp_path / "v.yaml")
-    assert code in (0, 3), err  # takes the file, whatever it says of it
+    assert code in (0, 3), err  # accepts the file, whatever the result
 
 
 @pytest.mark.slow
@@ -110,7 +110,7 @@ def test_a_torque_of_another_axis_explains_nothing(call, tmp_path, number, seed)
     assert "explains-nothing" not in {f["code"] for f in drawn(call, tmp_path, record)["findings"]}
 
 
-def coast():
+def coast_down_speed():
     """(n,) speed of a body that loses it to viscous friction, in closed form, as measured."""
     speed = 80.0 * np.exp(-0.005 / 0.02 * STEP * np.arange(4000))
     noise = 0.05 * np.random.default_rng(1).standard_normal(4000)
@@ -120,8 +120,8 @@ def coast():
 COAST = ("--set", "motor.inertia=0.03", "--set", "motor.viscous=0.004")
 
 
-def test_a_coast_down_tells_ratios_only(call, tmp_path):
-    content = fitted(call, tmp_path, coast(), STEP, *COAST)
+def test_a_coast_down_identifies_ratios_only(call, tmp_path):
+    content = fitted(call, tmp_path, coast_down_speed(), STEP, *COAST)
     lines = {n: content["parameters"][n] for n in ("motor.inertia", "motor.viscous", "motor.idle_torque")}
     for line in lines.values():
         assert line["std"] is None and line["ci95"] is None and line["status"] == "not-identifiable"
@@ -131,10 +131,10 @@ def test_a_coast_down_tells_ratios_only(call, tmp_path):
     assert len(told) == 1 and "no torque of known size acts" in told[0]
 
 
-def test_a_coast_down_with_a_known_friction_tells_the_inertia(call, tmp_path):
-    content = fitted(call, tmp_path, coast(), STEP, *COAST, "--set", "motor.viscous=0.005", "--hold",
+def test_a_coast_down_with_a_known_friction_identifies_the_inertia(call, tmp_path):
+    content = fitted(call, tmp_path, coast_down_speed(), STEP, *COAST, "--set", "motor.viscous=0.005", "--hold",
                      "motor.viscous")
-    off, holds = error(content, "motor.inertia", 0.02)
+    off, holds = error_and_coverage(content, "motor.inertia", 0.02)
     assert holds and off < 1e-3
     assert content["parameters"]["motor.inertia"]["status"] == "fitted"
 
@@ -146,7 +146,7 @@ def test_a_law_that_runs_away_under_the_gains_costs_no_answer(call, tmp_path, si
     # Sensitivities of a candidate are no numbers here: that candidate is left out, the others answer.
     record = draw(situation, size, number, seed)
     content = drawn(call, tmp_path, record)
-    assert error(content, "motor.inertia", record.truth.inertia)[0] < 0.15
+    assert error_and_coverage(content, "motor.inertia", record.truth.inertia)[0] < 0.15
     assert all(np.isfinite(line["value"]) for line in content["parameters"].values())
 
 
@@ -165,5 +165,5 @@ def test_a_law_of_the_load_is_named_and_taken_out(call, tmp_path):
     assert law in next(f["text"] for f in content["findings"] if f["code"] == "model-error")
     for name, value in (("motor.inertia", truth.motor_inertia), ("load.inertia", truth.load_inertia),
                         ("shaft.stiffness", truth.stiffness)):
-        off, holds = error(content, name, value)
+        off, holds = error_and_coverage(content, name, value)
         assert holds and off < 0.03

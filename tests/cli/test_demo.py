@@ -70,16 +70,16 @@ def test_mcap_gives_the_same_estimate_as_parquet_and_repeats_to_the_byte(out, tm
 
 
 @pytest.mark.slow
-def test_reversing_drive_is_told_apart_from_rough_starts(tmp_path):
-    """Gap, Coulomb friction and the bodies' shares of friction, from one record and a rough data sheet."""
+def test_reversing_drive_is_identified_from_a_rough_data_sheet(tmp_path):
+    """Gap, Coulomb friction and the bodies' shares of friction, from one record and an approximate data sheet."""
     folder = RIG.parent / "reversing"
     tool = [sys.executable, "-m", "drivetool.cli.main"]
     steady, result = tmp_path / "steady.yaml", tmp_path / "result.yaml"
     subprocess.run([*tool, "steady", str(folder / "steady.parquet"), "--out", str(steady)],
                    check=True, capture_output=True)
-    rough = ["motor.inertia=0.5", "load.inertia=5.8", "shaft.stiffness=3000", "shaft.damping=3"]
+    data_sheet = ["motor.inertia=0.5", "load.inertia=5.8", "shaft.stiffness=3000", "shaft.damping=3"]
     subprocess.run([*tool, "backlash", str(folder / "moves.parquet"), "--params", str(steady), "--free", "all",
-                    *(word for value in rough for word in ("--set", value)), "--out", str(result)],
+                    *(word for value in data_sheet for word in ("--set", value)), "--out", str(result)],
                    check=True, capture_output=True)
     values = {name: entry["value"] for name, entry in read(folder / "truth.yaml")["parameters"].items()}
     found = read(result)["parameters"]

@@ -1,4 +1,4 @@
-"""diagnose at the command line, around statistics that are stood in for."""
+"""diagnose at the command line, with a stand-in for the statistics."""
 
 import json
 import re
@@ -32,8 +32,8 @@ data: [{file: a.parquet, sha256: SHA}]
 
 
 @pytest.fixture
-def asked(monkeypatch):
-    """What the stand-in was asked; `answer` is what it gives or raises."""
+def stand_in(monkeypatch):
+    """The arguments that the stand-in received; `answer` is what it returns or raises."""
     seen = types.SimpleNamespace(answer=diagnosed.diagnosis())
 
     def diagnose(experiments, drive, free, options, holdout, begun, own):
@@ -69,33 +69,33 @@ def folder(tmp_path, monkeypatch):
 WORDS = ["diagnose", "a.parquet", "-p", "base.yaml"]
 
 
-def test_the_statistics_get_what_was_given(folder, asked, call):
+def test_the_statistics_get_what_was_given(folder, stand_in, call):
     code, out, err = call(*WORDS, "--holdout", "b.parquet", "--holdout", "c.parquet", "--candidates",
                           "backlash, dead-time", "--error-budget", "0.05", "--rounds", 2, "--seed", 7)
     assert code == 0 and "drivetool diagnose: The simulation errs because of backlash" in err
-    assert [e.name for e in asked.experiments] == ["a.parquet"]
-    assert [e.name for e in asked.holdout] == ["b.parquet", "c.parquet"]
-    assert asked.options == DiagnoseOptions(("backlash", "dead-time"), 0.05, 2, 7)
-    assert asked.drive.values["load.inertia"] == pytest.approx(5.179)
-    assert asked.free == ["motor.inertia", "load.inertia"]
-    assert asked.begun == pytest.approx({"load.inertia": 6.0})
+    assert [e.name for e in stand_in.experiments] == ["a.parquet"]
+    assert [e.name for e in stand_in.holdout] == ["b.parquet", "c.parquet"]
+    assert stand_in.options == DiagnoseOptions(("backlash", "dead-time"), 0.05, 2, 7)
+    assert stand_in.drive.values["load.inertia"] == pytest.approx(5.179)
+    assert stand_in.free == ["motor.inertia", "load.inertia"]
+    assert stand_in.begun == pytest.approx({"load.inertia": 6.0})
     content = yaml.safe_load(out)
     assert content["step"] == "diagnose" and content["diagnosis"]["causes"] == ["backlash"]
     assert [entry["file"] for entry in content["options"]["holdout"]] == ["b.parquet", "c.parquet"]
     assert [f["code"] for f in content["findings"]] == ["diagnosis-named"]
-    assert call(*WORDS)[0] == 0 and asked.holdout == () and asked.options.candidates == ()
+    assert call(*WORDS)[0] == 0 and stand_in.holdout == () and stand_in.options.candidates == ()
 
 
-def test_conditioning_reaches_all_recordings_and_is_noted(folder, asked, call):
+def test_conditioning_reaches_all_recordings_and_is_noted(folder, stand_in, call):
     code, out, err = call(*WORDS, "--holdout", "b.parquet", "--condition", "decimate factor=2")
     assert code == 0, err
-    assert [len(e.time) for e in (*asked.experiments, *asked.holdout)] == [250, 250]
+    assert [len(e.time) for e in (*stand_in.experiments, *stand_in.holdout)] == [250, 250]
     content = yaml.safe_load(out)
     assert content["options"]["condition"] == ["decimate factor=2"]
     assert sum(f["code"] == "conditioned" for f in content["findings"]) == 2
 
 
-def test_the_file_is_one_that_every_step_takes(folder, asked, call, monkeypatch):
+def test_the_file_is_one_that_every_step_takes(folder, stand_in, call, monkeypatch):
     monkeypatch.setenv("COLUMNS", "80")
     assert call(*WORDS, "-o", "x.yaml")[0] == 0
     content = yaml.safe_load(Path("x.yaml").read_text())
@@ -105,21 +105,21 @@ def test_the_file_is_one_that_every_step_takes(folder, asked, call, monkeypatch)
     gap = section["candidates"][0]
     assert gap["smallest"] == {"shaft.half_gap": {"value": 1e-4, "unit": "rad"}} and gap["shown"] is True
     assert gap["parameters"]["shaft.half_gap"]["ci95"] == [0.00318, 0.00326]
-    shown = {(c["round"], c["code"]): c["shown"] for c in section["candidates"]}
-    assert shown[1, "imbalance"] is False and shown[1, "third-mass"] is None and (2, "dead-time") in shown
+    table = {(c["round"], c["code"]): c["shown"] for c in section["candidates"]}
+    assert table[1, "imbalance"] is False and table[1, "third-mass"] is None and (2, "dead-time") in table
     assert [(r["round"], r["cause"]) for r in section["rounds"]] == [(1, "backlash"), (2, None)]
     assert content["parameters"]["shaft.half_gap"]["value"] == 0.00322
     # the next steps
     assert call("simulate", "b.parquet", "-p", "x.yaml", "-o", "s.parquet")[0] == 0
     assert call("validate", "b.parquet", "-p", "x.yaml", "-o", "v.yaml", "-q")[0] in (0, 3)
     assert call("diagnose", "b.parquet", "-p", "x.yaml", "-q")[0] == 0
-    assert asked.drive.values["shaft.half_gap"] == 0.00322
+    assert stand_in.drive.values["shaft.half_gap"] == 0.00322
     code, out, _ = call("show", "x.yaml")
     assert code == 0 and "Cause found" in out and "1234 +- 41" in out and "shaft.half_gap" in out
     assert max(map(len, out.splitlines())) <= 80
 
 
-def test_json_and_table_and_the_same_bytes(folder, asked, call, monkeypatch):
+def test_json_and_table_and_the_same_bytes(folder, stand_in, call, monkeypatch):
     first = call(*WORDS, "--json", "-q")[1]
     assert json.loads(first) == yaml.safe_load(call(*WORDS, "-q")[1])
     assert call(*WORDS, "--json", "-q")[1] == first and str(folder) not in first
@@ -128,7 +128,7 @@ def test_json_and_table_and_the_same_bytes(folder, asked, call, monkeypatch):
     assert "round 1: added backlash" in table and "as good as" not in table and "schema:" not in table
 
 
-def test_the_base_is_refused_or_doubted(folder, asked, call):
+def test_the_base_is_refused_or_suspect(folder, stand_in, call):
     held = FITTED.replace("status: fitted", "status: held").replace("SHA", "ab")
     Path("held.yaml").write_text(held)
     code, out, err = call("diagnose", "a.parquet", "-p", "held.yaml")
@@ -136,16 +136,16 @@ def test_the_base_is_refused_or_doubted(folder, asked, call):
     Path("few.yaml").write_text(re.sub(r"  load.*\n", "", FITTED))
     assert "load.inertia for a diagnosis" in call("diagnose", "a.parquet", "-p", "few.yaml")[2]
     code, out, err = call("diagnose", "b.parquet", "-p", "base.yaml", "-o", "x.yaml")
-    assert code == 0 and "warning base-fitted-to-other-data" in err and "b.parquet" in err
+    assert code == 0 and "warning biased-base" in err and "b.parquet" in err
     assert call("diagnose", "b.parquet", "-p", "base.yaml", "-o", "x.yaml", "--strict")[0] == 3
     code, _, err = call("diagnose", "b.parquet", "-p", "base.yaml", "--holdout", "a.parquet")
-    assert code == 0 and "warning held-out-record-was-fitted" in err
+    assert code == 0 and "warning not-held-out" in err
     Path("late.yaml").write_text(Path("base.yaml").read_text() + """
 findings:
-- {severity: warning, code: torque-late, text: It is late., evidence: {shift: -0.001}, action: Write it.}
+- {severity: warning, code: torque-shifted, text: It is late., evidence: {shift: -0.001}, action: Write it.}
 """)
     code, out, err = call("diagnose", "a.parquet", "-p", "late.yaml")
-    found, = [f for f in yaml.safe_load(out)["findings"] if f["code"] == "base-with-shifted-torque"]
+    found, = [f for f in yaml.safe_load(out)["findings"] if f["code"] == "biased-base"]
     assert code == 0 and found["text"].startswith("It is late.") and found["action"] == "First: Write it."
 
 
@@ -161,7 +161,7 @@ findings:
     (["--report", "x.html", "--out", "./x.html"], 2, "two files for --out and --report"),
     (["--out", "copy.parquet", "--holdout", "copy.parquet"], 2, "inputs are never changed"),
 ])
-def test_wrong_words_write_nothing(folder, asked, call, words, code, message):
+def test_wrong_words_write_nothing(folder, stand_in, call, words, code, message):
     Path("copy.parquet").write_bytes(Path("a.parquet").read_bytes())
     before = {path.name: path.read_bytes() for path in folder.iterdir()}
     found, out, err = call(*WORDS, *words)
@@ -169,17 +169,17 @@ def test_wrong_words_write_nothing(folder, asked, call, words, code, message):
     assert {path.name: path.read_bytes() for path in folder.iterdir()} == before
 
 
-def test_a_catalogue_restricted_to_nothing(folder, asked, call):
+def test_a_catalogue_restricted_to_nothing(folder, stand_in, call):
     Path("one.yaml").write_text(FITTED.replace("SHA", "ab").replace("parameters:\n", (
         "drive: {name: one-body}\nparameters:\n"), 1).replace("  load", "  #").replace("  shaft", "  #"))
     code, _, err = call("diagnose", "a.parquet", "-p", "one.yaml", "--candidates", "backlash,third-mass")
     assert code == 2 and "backlash, third-mass, which the one-body drive cannot have" in err
     assert call("diagnose", "a.parquet", "-p", "one.yaml", "--candidates", "backlash,dead-time")[0] == 0
-    assert asked.options.candidates == ("dead-time",)
+    assert stand_in.options.candidates == ("dead-time",)
 
 
-def test_failures_of_the_statistics(folder, asked, call):
-    asked.answer = NotEnoughData("at least 4 s to split", "0.5 s", "Record longer.")
+def test_failures_of_the_statistics(folder, stand_in, call):
+    stand_in.answer = NotEnoughData("at least 4 s to split", "0.5 s", "Record longer.")
     code, out, err = call(*WORDS, "--plot", "p", "--report", "r.html", "-o", "x.yaml")
     assert code == 1 and out == "" and "at least 4 s to split" in err
     assert [path.name for path in Path("p").iterdir()] == ["diagnose-a-recording.png"]
@@ -188,11 +188,11 @@ def test_failures_of_the_statistics(folder, asked, call):
 
 @pytest.mark.parametrize("finding, code", [("diagnosis-nothing-found", 0), ("diagnosis-named", 0),
                                            ("diagnosis-undetermined", 3), ("diagnosis-unexplained", 3)])
-def test_what_is_found_is_no_failure(folder, asked, call, finding, code):
+def test_what_is_found_is_no_failure(folder, stand_in, call, finding, code):
     verdict = finding.removeprefix("diagnosis-")
-    findings = (Finding("note", "torque-command-assumed", "It is."),)
+    findings = (Finding("note", "torque-source", "It is."),)
     made = diagnosed.diagnosis(verdict=verdict, between=("backlash", "dead-time"), experiment="Load it more.")
-    asked.answer = replace(made, estimate=replace(made.estimate, findings=findings))
+    stand_in.answer = replace(made, estimate=replace(made.estimate, findings=findings))
     assert call(*WORDS, "-o", "x.yaml")[0] == 0
     found, _, err = call(*WORDS, "-o", "x.yaml", "--strict")
     assert found == code and finding in err and "Load it more." in err
@@ -228,20 +228,20 @@ class Page(HTMLParser):
             self.words.append(" ".join(data.split()))
 
 
-def test_the_page_makes_its_folder(folder, asked, call):
+def test_the_page_makes_its_folder(folder, stand_in, call):
     assert call(*WORDS, "--report", "new/r.html", "-q")[0] == 0
     assert Path("new/r.html").read_text().startswith("<!")
 
 
 @pytest.mark.slow
-def test_the_page_needs_nothing_else(folder, asked, call):
-    asked.answer = diagnosed.with_pictures(diagnosed.diagnosis())
+def test_the_page_needs_nothing_else(folder, stand_in, call):
+    stand_in.answer = diagnosed.with_pictures(diagnosed.diagnosis())
     code, _, err = call(*WORDS, "-o", "x.yaml", "--report", "r.html")
     text = Path("r.html").read_text()
     page = Page(text)
     assert code == 0 and "wrote r.html" in err and str(folder) not in text
-    assert page.tags.count("svg") == page.tags.count("figure") == len(asked.answer.exhibits)
-    assert page.tags.count("figcaption") == len({e.kind for e in asked.answer.exhibits})
+    assert page.tags.count("svg") == page.tags.count("figure") == len(stand_in.answer.exhibits)
+    assert page.tags.count("figcaption") == len({e.kind for e in stand_in.answer.exhibits})
     assert not {"script", "link", "img", "iframe", "object"} & set(page.tags)
     targets = [value for _, name, value in page.attributes if name in ("src", "href", "xlink:href")]
     assert all(target.startswith("#") for target in targets) and "@import" not in text
@@ -264,17 +264,17 @@ def test_the_page_needs_nothing_else(folder, asked, call):
     assert Path("r.html").read_text() == text
 
 
-def test_pages_of_other_verdicts(folder, asked, call):
+def test_pages_of_other_verdicts(folder, stand_in, call):
     made = diagnosed.diagnosis()
     nan = float("nan")
     gain = replace(made.gain, noise_floor=nan, unexplained_percent=nan, rmse_std=nan)
-    asked.answer = diagnosed.diagnosis(verdict="nothing-found", causes=(), evidence={}, gain=gain,
+    stand_in.answer = diagnosed.diagnosis(verdict="nothing-found", causes=(), evidence={}, gain=gain,
                                        rounds=made.rounds[1:], sentence="Nothing was found.")
     call(*WORDS, "--report", "r.html", "-q")
     words = " ".join(Page(Path("r.html").read_text()).words)
     assert "No cause of the catalogue" in words and "nan" not in words and "0.02" in words
     between = ("backlash", "hardening-stiffness")
-    asked.answer = diagnosed.diagnosis(verdict="undetermined", causes=(), between=between,
+    stand_in.answer = diagnosed.diagnosis(verdict="undetermined", causes=(), between=between,
                                        experiment="Sweep the preload.")
     call(*WORDS, "--report", "r.html", "-q")
     words = " ".join(Page(Path("r.html").read_text()).words)
@@ -282,13 +282,13 @@ def test_pages_of_other_verdicts(folder, asked, call):
     assert "stiffer the more torque" in words
     known = replace(made.rounds[0].candidates[0], state="in-the-model", gain=None, parameters=())
     later = replace(made.rounds[1], candidates=(known, *made.rounds[1].candidates))
-    asked.answer = diagnosed.diagnosis(verdict="undetermined", causes=(), between=("backlash", UNLISTED),
+    stand_in.answer = diagnosed.diagnosis(verdict="undetermined", causes=(), between=("backlash", UNLISTED),
                                        rounds=(made.rounds[0], later))
     call(*WORDS, "--report", "r.html", "-q")
     words = " ".join(Page(Path("r.html").read_text()).words)
     assert words.count("part of the answer, or all of it") == 1 and "in no catalogue (one of the possible" in words
     assert "The fit gives shaft.half_gap 0.003220" in words  # by the round that found it
-    asked.answer = diagnosed.diagnosis(verdict="unexplained", causes=(), closest=("backlash",))
+    stand_in.answer = diagnosed.diagnosis(verdict="unexplained", causes=(), closest=("backlash",))
     call(*WORDS, "-o", "x.yaml", "--report", "r.html", "-q")
     words = " ".join(Page(Path("r.html").read_text()).words)
     assert words.count("comes closest") == 1 and "No cause of the catalogue" not in words
@@ -296,7 +296,7 @@ def test_pages_of_other_verdicts(folder, asked, call):
     assert (section["causes"], section["closest"]) == ([], ["backlash"])
 
 
-def test_nothing_is_left_when_the_page_cannot_be_written(folder, asked, call, monkeypatch):
+def test_nothing_is_left_when_the_page_cannot_be_written(folder, stand_in, call, monkeypatch):
     def full(*_):
         raise OSError(28, "No space left on device")
 

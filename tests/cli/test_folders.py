@@ -1,4 +1,4 @@
-"""A folder is many recordings, or one data set by its own metadata; results know recordings by path and time."""
+"""A folder is many recordings, or one data set by its own metadata; recordings are identified by path and time."""
 
 import json
 from datetime import UTC, datetime

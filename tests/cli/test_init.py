@@ -6,7 +6,7 @@ from pathlib import Path
 import pytest
 import yaml
 
-from drivetool.site.plan import find, load_site
+from drivetool.site.plan import find_recordings, load_site
 from tests import sites
 from tests.places import RIG
 
@@ -66,7 +66,7 @@ def test_names_with_signs_capitals_and_words_in_another_order(here, call):
     Path("done/manifest.jsonl").write_text('{"schema":"drivetool/manifest/1"}\n')
     assert call("init", ".")[0] == 0
     site = load_site("site.yaml")
-    assert [(r.kind, r.path.rpartition("/")[2]) for r in find(site, here, here / "out")] == [
+    assert [(r.kind, r.path.rpartition("/")[2]) for r in find_recordings(site, here, here / "out")] == [
         ("steady", "Steady_1.parquet"), ("gap", "gap.parquet"), ("gap_holdout", "holdout_gap.parquet"),
         ("steady", "steady_2.parquet")]
     code, _, err = call("init", "site.yaml", "--out", "other.yaml")

@@ -1,4 +1,4 @@
-"""inspect and convert at the command line: what they tell, and that a conversion changes nothing."""
+"""inspect and convert at the command line: their figures, and that a conversion changes nothing."""
 
 import json
 import re
@@ -14,14 +14,14 @@ from mcap.writer import CompressionType
 
 from drivetool.cli import command_line
 from drivetool.files.figures.inspect_picture import panels
-from drivetool.files.results import exhibit
+from drivetool.files.results import channel_plot
 from drivetool.files.shapes.schema import schemas
 from drivetool.logs.door import inspect_log, open_experiment
 from tests import encodings
 from tests.logs.test_condition import motion
 from tests.logs.test_parquet import field
 
-N, START, STEP = 2000, 1_700_000_000_000_000_000, 1_000_000
+SAMPLE_COUNT, START, STEP = 2000, 1_700_000_000_000_000_000, 1_000_000
 MAP = """schema: drivetool/channel-map/1
 roles:
   motor_torque: {channel: torque, unit: "%", rated: {value: 20, unit: Nm}, sign: -1}
@@ -44,36 +44,36 @@ def call(capfd, tmp_path, monkeypatch):
     return run
 
 
-def hurt(path):
-    """A record with everything that is told of a channel."""
-    speed, _ = motion(N)
-    torque = np.round(np.sign(np.sin(np.arange(N) / 40)) + 0.3 * np.sin(np.arange(N) / 7), 2)
+def write_faulty_record(path):
+    """A record with every fault that is reported of a channel."""
+    speed, _ = motion(SAMPLE_COUNT)
+    torque = np.round(np.sign(np.sin(np.arange(SAMPLE_COUNT) / 40)) + 0.3 * np.sin(np.arange(SAMPLE_COUNT) / 7), 2)
     speed = np.round(speed / 0.05) * 0.05
     speed[[300, 800, 1500]] += 40.0
     speed[100:103] = np.nan
-    keep = np.ones(N, bool)
+    keep = np.ones(SAMPLE_COUNT, bool)
     keep[600:650] = keep[1000] = False
     fields = [field("time", unit="s"), field("motor_torque", unit="Nm"), field("n", unit="rpm"),
               field("note", pa.string())]
-    columns = [np.arange(N) * 1e-3, torque, speed, ["x"] * N]
+    columns = [np.arange(SAMPLE_COUNT) * 1e-3, torque, speed, ["x"] * SAMPLE_COUNT]
     pq.write_table(pa.table(columns, schema=pa.schema(fields)).filter(pa.array(keep)), path)
     return speed[keep]
 
 
-def test_what_is_told_of_a_channel(tmp_path):
-    speed = hurt(tmp_path / "a.parquet")
+def test_the_figures_of_a_channel(tmp_path):
+    speed = write_faulty_record(tmp_path / "a.parquet")
     found = inspect_log(tmp_path / "a.parquet")
     by_name = {report.name: report for report in found.channels}
     assert set(by_name) == {"motor_torque", "n"} and found.recording.unreadable == {"note": "string"}
     n = by_name["n"]
-    assert (n.unit, n.role, n.samples, n.missing, n.lost) == ("rpm", None, N - 51, 3, 1)
+    assert (n.unit, n.role, n.samples, n.missing, n.lost) == ("rpm", None, SAMPLE_COUNT - 51, 3, 1)
     assert n.rate == pytest.approx(1000.0, rel=1e-6) and n.duration == pytest.approx(1.999)
     assert (n.least, n.most) == (np.nanmin(speed), np.nanmax(speed))
     assert n.gaps == ((pytest.approx(0.599), pytest.approx(0.65)),)
     assert n.quantum == pytest.approx(0.05) and list(n.spikes) == [300, 750, 1449] and n.held == 1
     assert by_name["motor_torque"].role == "motor_torque"
     assert by_name["motor_torque"].quantum == pytest.approx(0.01)
-    assert {"not-read", "gaps", "lost-samples"} <= {f.code for f in found.findings}
+    assert {"log-damaged", "recording-interrupted", "samples-missing"} <= {f.code for f in found.findings}
 
 
 def test_spikes_are_where_they_were_logged_although_stamps_repeat(tmp_path):
@@ -84,7 +84,7 @@ def test_spikes_are_where_they_were_logged_although_stamps_repeat(tmp_path):
     pq.write_table(pa.table({"time": time, "n": speed}), tmp_path / "a.parquet")
     found = inspect_log(tmp_path / "a.parquet")
     assert list(found.channels[0].spikes) == [1400]
-    times, values = exhibit(found).curves["spikes n [?]"]
+    times, values = channel_plot(found).curves["spikes n [?]"]
     assert (list(times), list(values)) == ([time[1400]], [9.0])
 
 
@@ -92,17 +92,17 @@ def test_the_picture_shows_short_stretches_and_values_that_hardly_differ(tmp_pat
     time = np.arange(600) * 1e-3 + 1e4 * np.repeat(np.arange(6), 100)
     pq.write_table(pa.table({"time": time, "n": np.full(600, 3.0), "stamp": 1.7e9 + np.arange(600) % 4}),
                    tmp_path / "a.parquet")
-    first, second = panels(exhibit(inspect_log(tmp_path / "a.parquet"))).axes
+    first, second = panels(channel_plot(inspect_log(tmp_path / "a.parquet"))).axes
     assert len(first.lines) == 6 and {line.get_marker() for line in first.lines} == {"."}
     assert second.texts[0].get_text() == "stamp [?], less 1700000000"
     assert np.ptp(second.get_ylim()) < 10 and second.get_ylim()[1] < 10
 
 
 def test_inspect_as_yaml_json_and_picture(tmp_path, call):
-    hurt(tmp_path / "a.parquet")
+    write_faulty_record(tmp_path / "a.parquet")
     code, out, err = call("inspect", "a.parquet", "--plot", "pictures")
     content = yaml.safe_load(out)
-    assert code == 0 and content["experiment"]["segments"] == 2 and "warning gaps" in err
+    assert code == 0 and content["experiment"]["segments"] == 2 and "warning recording-interrupted" in err
     jsonschema.validate(content, json.loads(schemas()["inspection.json"]))
     assert json.loads(call("inspect", "a.parquet", "--json", "-q")[1]) == content
     assert str(tmp_path) not in out and call("inspect", "a.parquet", "-q")[1] == out
@@ -113,7 +113,7 @@ def test_inspect_as_yaml_json_and_picture(tmp_path, call):
 
 
 def test_inspect_table_on_a_terminal(tmp_path, call, monkeypatch):
-    hurt(tmp_path / "a.parquet")
+    write_faulty_record(tmp_path / "a.parquet")
     monkeypatch.setattr(type(sys.stdout), "isatty", lambda self: True, raising=False)
     _, out, _ = call("inspect", "a.parquet", "-q")
     out = re.sub(r"\x1b\[[0-9;]*m", "", out)
@@ -123,11 +123,12 @@ def test_inspect_table_on_a_terminal(tmp_path, call, monkeypatch):
 
 
 def test_show_prints_an_inspection_that_was_written(tmp_path, call):
-    hurt(tmp_path / "a.parquet")
+    write_faulty_record(tmp_path / "a.parquet")
     call("inspect", "a.parquet", "--out", "i.yaml", "-q")
     code, out, err = call("show", "i.yaml")
     assert (code, err) == (0, "") and "note: not read, string" in out
-    assert "a step would get motor_torque: 2000 samples of 0.001 s in 2 segments" in out and "warning gaps" in out
+    assert "a step would get motor_torque: 2000 samples of 0.001 s in 2 segments" in out
+    assert "warning recording-interrupted" in out
     text = (tmp_path / "i.yaml").read_text()
     (tmp_path / "i.yaml").write_text(text.replace("samples: 1949", "samples: many", 1))
     code, out, err = call("show", "i.yaml")
@@ -146,26 +147,26 @@ def test_show_lists_what_it_prints(tmp_path, call, first, told):
         "parameters", "validation", "gains", "spectra", "comparison", "inspection"))
 
 
-def test_inspect_tells_what_a_step_would_refuse(tmp_path, call):
+def test_inspect_reports_what_a_step_would_refuse(tmp_path, call):
     messages = encodings.rows(200, STEP, START)
     encodings.write(tmp_path / "a.mcap", "cdr", messages)
     code, out, err = call("inspect", "a.mcap")
-    assert code == 0 and yaml.safe_load(out)["experiment"] is None and "not-usable" in err
+    assert code == 0 and yaml.safe_load(out)["experiment"] is None and "recording-not-usable" in err
     (tmp_path / "map.yaml").write_text(MAP.replace("channel: speed", "channel: sped"))
     code, out, err = call("inspect", "a.mcap", "--map", "map.yaml")
     roles = {c["name"]: c["role"] for c in yaml.safe_load(out)["channels"]}
-    assert code == 0 and roles["/drive.torque"] == "motor_torque" and "role-missing" in err
-    assert "role-unclear" not in err
+    assert code == 0 and roles["/drive.torque"] == "motor_torque" and "channel-map-mismatch" in err
+    assert "several channels" not in err
     (tmp_path / "map2.yaml").write_text(MAP)
     time = np.arange(60) * 1e-3
     names = ["time", "/drive.torque", "/drive.speed", "/spare.speed"]
     pq.write_table(pa.table([time, np.sin(time), np.cos(time), np.cos(time)], names=names), tmp_path / "b.parquet")
-    assert "role-unclear" in call("inspect", "b.parquet", "--map", "map2.yaml")[2]
-    # Half of the file, and a clock that jumps: both are told, nothing fails.
+    assert "channel-map-mismatch" in call("inspect", "b.parquet", "--map", "map2.yaml")[2]
+    # Half of the file, and a clock that jumps: both are reported, nothing fails.
     raw = (tmp_path / "a.mcap").read_bytes()
     (tmp_path / "cut.mcap").write_bytes(raw[:len(raw) // 2])
     code, out, err = call("inspect", "cut.mcap")
-    assert code == 0 and yaml.safe_load(out)["channels"][0]["samples"] > 10 and "damaged-log" in err
+    assert code == 0 and yaml.safe_load(out)["channels"][0]["samples"] > 10 and "log-damaged" in err
     for message in messages[100:]:
         message["stamp"] -= 50 * STEP
     from mcap.writer import Writer
@@ -250,7 +251,7 @@ def test_every_encoding_and_layout_gives_the_same_experiment_and_file(tmp_path, 
     assert content["findings"][0]["code"] == "conditioned"
 
 
-def same(one, other):
+def assert_same_recording(one, other):
     return (one.step, one.start, one.segments, one.torque_unit, one.motion_unit) == (
         other.step, other.start, other.segments, other.torque_unit, other.motion_unit) and all(
         np.array_equal(values, other.signals[role], equal_nan=True) for role, values in one.signals.items())
@@ -269,7 +270,7 @@ def test_convert_changes_nothing(tmp_path, call, two_clocks):
     code, out, err = call("convert", "a.mcap", "--map", "map.yaml", "--out", "b.parquet")
     assert code == 0 and out == "" and "wrote b.parquet: 200 of motor_torque [Nm]" in err
     one = open_experiment(tmp_path / "a.mcap", load_channel_map(tmp_path / "map.yaml"))
-    assert same(one, open_experiment(tmp_path / "b.parquet"))
+    assert assert_same_recording(one, open_experiment(tmp_path / "b.parquet"))
     before = (tmp_path / "b.parquet").read_bytes()
     call("convert", "b.parquet", "--out", "c.parquet")
     assert (tmp_path / "c.parquet").read_bytes() == before
@@ -294,7 +295,7 @@ def test_a_converted_recording_has_the_same_bytes_whatever_was_in_memory():
 
 
 def test_a_part_of_a_folder_that_is_read_is_no_output(tmp_path, call):
-    hurt(tmp_path / "a.parquet")
+    write_faulty_record(tmp_path / "a.parquet")
     (tmp_path / "parts").mkdir()
     part = tmp_path / "parts" / "0.parquet"
     part.write_bytes((tmp_path / "a.parquet").read_bytes())
@@ -306,7 +307,7 @@ def test_a_part_of_a_folder_that_is_read_is_no_output(tmp_path, call):
 
 
 def test_convert_refuses(tmp_path, call):
-    hurt(tmp_path / "a.parquet")
+    write_faulty_record(tmp_path / "a.parquet")
     for words, message in ((["-o", "b.csv"], "ends in .parquet"), (["-o", "a.parquet"], "inputs are never changed"),
                            (["-o", "a.parquet/b.parquet"], "which is no folder")):
         code, out, err = call("convert", "a.parquet", *words)

@@ -51,17 +51,17 @@ def test_a_wrong_model_misses_its_bar(call, site):
     fitted(call, site, "--hold", "motor.coulomb", "--set", "motor.coulomb=0.1")
     code, _, err = call("validate", site / "b.parquet", "--params", site / "fit.yaml", "--criterion", "inverse",
                         "--min-fit", "95", "--out", site / "check.yaml")
-    assert code == 3 and "fit-below-minimum" in err
+    assert code == 3 and "limit-missed" in err
 
 
 def test_least_squares_says_so(call, site):
     made = loop_record(AXIS, 1, 0.01, seconds=8.0)
     logged(site, "c.parquet", made, leave=("reference_angle", "reference_speed"))
     code, _, err = fitted(call, site, log="c.parquet")
-    assert code == 0 and "no-instrument" in err
+    assert code == 0 and "weak-instrument" in err
 
 
-def test_friction_by_direction_asks_for_a_reversal(call, site):
+def test_friction_by_direction_requires_a_reversal(call, site):
     made = open_record(AXIS, 3)
     speed = 1.0 + 0.5 * np.sin(np.arange(made.size) * 0.01)
     one_way = {"motor_torque": 2.0 * np.gradient(speed, made.step) + 6.0 * speed + 6.0, "motor_angle":
@@ -116,12 +116,13 @@ def test_a_diagnosis_by_the_torque_names_what_the_base_lacks(call, site):
                         "--plot", site, "--report", site / "page.html", "--out", site / "extended.yaml")
     assert code == 0, err
     content = yaml.safe_load((site / "extended.yaml").read_text())
-    told = content["diagnosis"]
-    assert told["verdict"] == "named" and told["causes"] == ["coulomb-motor"] and told["gain"]["of"] == "torque"
-    assert told["gain"]["held_out_rmse_after"] < 0.5 * told["gain"]["held_out_rmse_before"]
+    section = content["diagnosis"]
+    assert (section["verdict"] == "named" and section["causes"] == ["coulomb-motor"]
+            and section["gain"]["of"] == "torque")
+    assert section["gain"]["held_out_rmse_after"] < 0.5 * section["gain"]["held_out_rmse_before"]
     line = content["parameters"]["motor.coulomb"]
     assert abs(line["value"] - AXIS.truth["motor.coulomb"]) < 4.0 * line["std"]
-    assert "orque that the motion asks for" in (site / "page.html").read_text()
+    assert "orque that the motion requires" in (site / "page.html").read_text()
     assert list(site.glob("*diagnosis-record.png")) and list(site.glob("*diagnosis-candidates.png"))
 
 
@@ -148,4 +149,4 @@ def test_a_simulation_of_a_base_that_was_fitted_to_the_torque_is_warned_of(call,
              "--out", site / "extended.yaml")
     for more, warned in (((), True), (("--criterion", "inverse"), False)):
         _, _, err = call(*words, *more)
-        assert ("base-fitted-to-the-torque" in err) == warned
+        assert ("biased-base" in err) == warned

@@ -23,7 +23,7 @@ def site(tmp_path_factory):
 
 
 @pytest.mark.slow
-def test_machines_in_folders_are_told_apart(call, site, tmp_path):
+def test_machines_in_folders_are_distinguished(call, site, tmp_path):
     logs = sorted(site.glob("*/*.parquet"))
     code, out, err = call("compare", *logs, "--drive", "one-body", "--set", START,
                           "--structure", "physical-innovations", "--machine", "A=*/one/*", "--machine", "B=*/two/*",
@@ -34,7 +34,7 @@ def test_machines_in_folders_are_told_apart(call, site, tmp_path):
     assert [(d["name"], d["first"], d["second"]) for d in differ] == [("motor.coulomb", "A", "B")]
     assert file["options"]["machines"] == {
         name: [f"{i}.parquet" for i in range(3)] for name in "AB"}
-    assert "machines-differ" in err
+    assert "parameters-differ" in err
     code, out, _ = call("show", tmp_path / "compare.yaml")
     assert code == 0 and "between machines" in out
 
@@ -57,16 +57,16 @@ def test_records_for_themselves_say_that_a_day_is_no_machine(call, site, tmp_pat
                         "--structure", "physical-innovations", "--out", tmp_path / "compare.yaml")
     assert code == 0, err
     _, out, _ = call("show", tmp_path / "compare.yaml")
-    assert "cannot tell another machine from another day" in out
+    assert "does not distinguish another machine from another day" in out
 
 
-@pytest.mark.parametrize("words, said", [
+@pytest.mark.parametrize("words, message", [
     (["A"], "NAME=PATTERN"), (["A=x/*"], "two machines"),
     (["A=x/*", "B=y/1"], "at least 2 recordings of machine B"),
     (["A=x/*", "A=y/*"], "'A' twice"), (["A=x/*", "B=*/1"], "in several"), (["A=z*", "B=y/*"], "0 for 'z*'")])
-def test_what_is_wrong_is_said(words, said):
+def test_what_is_wrong_is_said(words, message):
     logs = ["x/1", "x/2", "y/1", "y/2"]
     assert machines_of(["A=x/*", "B=y/*"], logs) == {"A": (0, 1), "B": (2, 3)}
     with pytest.raises(BadOption) as error:
         machines_of(words, logs)
-    assert said in str(error.value)
+    assert message in str(error.value)

@@ -9,19 +9,20 @@ import sys
 
 import pytest
 
-from drivetool.progress import counted, shown_by
+from drivetool.progress import counted, progress_to
 
 
-def told(body):
-    """What a listener hears while `body` runs."""
-    heard = []
-    with shown_by(lambda *line: heard.append(line)):
+def progress_events(body):
+    """The progress events while `body` runs."""
+    events = []
+    with progress_to(lambda *line: events.append(line)):
         body()
-    return heard
+    return events
 
 
-def test_items_are_told_as_they_come():
-    assert told(lambda: list(counted("starts", "ab", 2))) == [("starts", 0, 2), ("starts", 1, 2), ("starts", 2, 2)]
+def test_items_are_reported_as_they_come():
+    assert progress_events(lambda: list(counted("starts", "ab", 2))) == [("starts", 0, 2), ("starts", 1, 2),
+                                                                         ("starts", 2, 2)]
 
 
 def test_a_stage_that_ends_early_is_over():
@@ -30,7 +31,7 @@ def test_a_stage_that_ends_early_is_over():
             if item == "b":
                 break
 
-    assert told(stop)[-1] == ("starts", 4, 4)
+    assert progress_events(stop)[-1] == ("starts", 4, 4)
 
 
 def test_a_stage_that_fails_is_over():
@@ -39,13 +40,13 @@ def test_a_stage_that_fails_is_over():
             for _ in counted("starts", "abcd", 4):
                 raise ValueError("broken")
 
-    assert told(fail)[-1] == ("starts", 4, 4)
+    assert progress_events(fail)[-1] == ("starts", 4, 4)
 
 
 def test_nobody_listens_afterwards():
-    heard = told(lambda: None)
+    events = progress_events(lambda: None)
     list(counted("starts", "ab", 2))
-    assert heard == []
+    assert events == []
 
 
 def on_a_terminal(room, *more):

@@ -3,8 +3,8 @@
 import pytest
 import yaml
 
-from drivetool.cli.options.job import BETWEEN
-from drivetool.cli.options.record_option import joined
+from drivetool.cli.options.job import WORD_SEPARATOR
+from drivetool.cli.options.record_option import join_record_words
 from drivetool.errors import BadParameters
 from drivetool.files.yaml import load_parameters
 from tests.cli.test_inverse import logged
@@ -62,7 +62,7 @@ def test_the_file_says_what_differs_and_later_steps_read_it(call, site):
     assert after["parameters"]["motor.coulomb@c.parquet"]["value"] == lines["motor.coulomb@c.parquet"]["value"]
 
 
-def test_a_known_change_is_judged(call, site):
+def test_a_known_change_is_validated(call, site):
     call("greybox", site / "a.parquet", *ONE, "--out", site / "fit.yaml")
     fits = []
     for words in ([], ["--record", site / "b.parquet", "motor.added_inertia=0.006"]):
@@ -174,7 +174,7 @@ def test_two_recordings_of_one_content_cannot_differ(call, site):
 
 
 @pytest.mark.slow
-def test_recordings_of_one_name_are_told_apart(call, site):
+def test_recordings_of_one_name_are_distinguished(call, site):
     other = site / "other"
     other.mkdir()
     (other / "a.parquet").write_bytes((site / "c.parquet").read_bytes())
@@ -188,8 +188,8 @@ def test_recordings_of_one_name_are_told_apart(call, site):
 
 
 def test_the_words_behind_the_option_are_joined():
-    pair = f"f{BETWEEN}x=1"
-    assert joined(["a", "--record", "f", "x=1", "b"]) == ["a", "--record", pair, "b"]
-    assert joined(["--record=f", "x=1"]) == ["--record", pair]
-    assert joined(["--record", "f"]) == ["--record", "f"]
-    assert joined(["--", "--record", "f", "x=1"]) == ["--", "--record", "f", "x=1"]
+    pair = f"f{WORD_SEPARATOR}x=1"
+    assert join_record_words(["a", "--record", "f", "x=1", "b"]) == ["a", "--record", pair, "b"]
+    assert join_record_words(["--record=f", "x=1"]) == ["--record", pair]
+    assert join_record_words(["--record", "f"]) == ["--record", "f"]
+    assert join_record_words(["--", "--record", "f", "x=1"]) == ["--", "--record", "f", "x=1"]

@@ -1,4 +1,4 @@
-"""Every sensor of every body enters, and what a step leaves out is said: at the process boundary."""
+"""Every sensor of every body enters, and a step reports what it leaves out: at the process boundary."""
 
 import io
 import json
@@ -16,7 +16,7 @@ from drivetool.logs import ROLES, quantity
 
 N, STEP = 3000, 1e-3
 # Two motors on one line, and a turntable behind a gear; what is behind the gear counts there.
-TRUE = {
+TRUTH = {
     "motor.inertia": 0.9, "motor2.inertia": 0.7, "table.inertia": 403.8, "shaft.stiffness": 9e3,
     "shaft.damping": 6.0, "shaft2.stiffness": 1.6e6, "shaft2.damping": 1.6e3}
 RATIO = 20.0
@@ -28,8 +28,8 @@ UNITS = {"motor_torque": "Nm", "motor2_torque": "Nm", "motor_speed": "rad/s", "m
 
 def feed(seed=4):
     """Signals of the feed, exact under torques that are held, by a matrix exponential of its equations."""
-    k1, c1, k2, c2 = (TRUE[n] for n in ("shaft.stiffness", "shaft.damping", "shaft2.stiffness", "shaft2.damping"))
-    j = [TRUE[f"{b}.inertia"] for b in ("motor", "motor2", "table")]
+    k1, c1, k2, c2 = (TRUTH[n] for n in ("shaft.stiffness", "shaft.damping", "shaft2.stiffness", "shaft2.damping"))
+    j = [TRUTH[f"{b}.inertia"] for b in ("motor", "motor2", "table")]
     first = np.array([c1, -c1, 0.0, k1, 0.0])  # torque in each shaft over (three speeds, two twists)
     second = np.array([0.0, c2 / RATIO, -c2, 0.0, k2])
     a = np.array([-first / j[0], (first - second / RATIO) / j[1], second / j[2], [1, -1, 0, 0, 0],
@@ -57,7 +57,7 @@ def write(path, signals, names=None):
 
 
 def drive_file(path):
-    parameters = {name: {"value": 1.15 * value} for name, value in TRUE.items()}
+    parameters = {name: {"value": 1.15 * value} for name, value in TRUTH.items()}
     parameters |= {"shaft2.ratio": {"value": RATIO}}
     path.write_text(yaml.safe_dump({
         "schema": "drivetool/parameters/1",
@@ -89,7 +89,7 @@ def codes(content):
 def test_sensors_of_all_bodies_hold_the_truth(place, call):
     write(place / "feed.parquet", feed())
     found = fitted(call)
-    for name, true in TRUE.items():
+    for name, true in TRUTH.items():
         row = found["parameters"][name]
         assert abs(row["value"] - true) < 3.0 * row["std"], name
     assert "role-not-used" not in codes(found)
@@ -104,10 +104,10 @@ def test_every_sensor_enters(place, call):
     for role in NOISE:
         write(place / "feed.parquet", {r: v for r, v in signals.items() if r != role})
         less = fitted(call)
-        assert any(less["parameters"][n]["std"] > 1.02 * whole["parameters"][n]["std"] for n in TRUE), role
+        assert any(less["parameters"][n]["std"] > 1.02 * whole["parameters"][n]["std"] for n in TRUTH), role
 
 
-# --- what is not used is said, by every step, in both formats
+# --- every step reports what it does not use, in both formats
 
 TWO = {"schema": "drivetool/parameters/1", "drive": {"name": "two-mass"}, "parameters": {
     "motor.inertia": {"value": 0.02}, "load.inertia": {"value": 0.03}, "shaft.stiffness": {"value": 900.0},
@@ -166,13 +166,13 @@ def every_role(path, kind, step, hold, seed=1):
         writer.finish()
 
 
-SLOW = ("diagnose",)
+SLOW_STEPS = ("diagnose",)
 MAP = {"schema": "drivetool/channel-map/1", "roles": {role: role for role in NAMES}}
 
 
 @pytest.mark.parametrize("kind", ["parquet", pytest.param("mcap", marks=pytest.mark.slow)])
 @pytest.mark.parametrize("step", [
-    pytest.param(step, marks=pytest.mark.slow) if step in SLOW else step for step in USED])
+    pytest.param(step, marks=pytest.mark.slow) if step in SLOW_STEPS else step for step in USED])
 def test_every_role_is_used_or_said_not_to_be(place, call, monkeypatch, step, kind):
     logs = ["all", "more"] if step == "compare" else ["all"]
     for seed, name in enumerate(logs):

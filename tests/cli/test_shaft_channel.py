@@ -1,4 +1,4 @@
-"""A shaft torque that is none is refused by every step that would fit it, in one sentence."""
+"""A channel that is no shaft torque is refused by every step that would fit it, in one sentence."""
 
 import numpy as np
 import pyarrow as pa
@@ -6,7 +6,7 @@ import pyarrow.parquet as pq
 import pytest
 
 from drivetool.identify.shaft_torque import check_shaft_torque
-from drivetool.identify.shaft_torque.channel import BLOCKS, SURE, share_of
+from drivetool.identify.shaft_torque.channel import SHAFT_SIGN_SIGNIFICANCE, SHAFT_TORQUE_BLOCKS, shaft_torque_share
 from drivetool.logs.door import open_experiment
 from tests.places import FIXTURES
 
@@ -47,7 +47,7 @@ def test_turned_round_in_the_map_it_is_right_again(call, tmp_path):
 
 def test_steady_needs_a_motor_torque(call, tmp_path):
     code, _, err = call("steady", altered(tmp_path, "steady", motor_torque=0.0), "--drive", "two-mass")
-    assert code != 0 and "runs down without torque" in err and "check the channel of its torque" in err
+    assert code != 0 and "coasts down without torque" in err and "check the channel of its torque" in err
 
 
 @pytest.mark.parametrize("name", ["steady", "steps", "gap", "gap_holdout"])
@@ -57,7 +57,8 @@ def test_right_recordings_pass(name):
     record = open_experiment(LIGHT / f"{name}.parquet")
     check_shaft_torque([record], two_mass())
     check_shaft_torque([record], one_body())
-    shares = [share_of(record, "shaft_torque", count) for count in BLOCKS]
-    assert all(share > SURE * std > 0.0 for share, std in shares)  # turned round, each would be refused
+    shares = [shaft_torque_share(record, "shaft_torque", count) for count in SHAFT_TORQUE_BLOCKS]
+    # Turned round, each would be refused.
+    assert all(share > SHAFT_SIGN_SIGNIFICANCE * std > 0.0 for share, std in shares)
     # The load's part of the whole inertia, as far as the swing lets it be seen.
     assert shares[1][0] == pytest.approx(0.646 / (0.646 + 4.78), rel=0.3)

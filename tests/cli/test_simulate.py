@@ -1,4 +1,4 @@
-"""simulate and effects: what the model says, as a recording; what it can be made of, as a list."""
+"""simulate and effects: the simulation as a recording, the catalogue of effects as a list."""
 
 import json
 import re
@@ -11,7 +11,7 @@ import pyarrow.parquet as pq
 import pytest
 import yaml
 
-from drivetool.check.causes import CAUSES, chosen_causes, told_sizes
+from drivetool.check.causes import CAUSES, chosen_causes, size_parameters
 from drivetool.check.validation import run_model
 from drivetool.drive import one_body, two_mass
 from drivetool.drive.chain import three_mass
@@ -91,7 +91,7 @@ def test_three_bodies_have_two_shaft_torques():
     found = run_model(e, drive).simulated
     arm = np.gradient(found["load_speed"], STEP) * 2.0
     carried = found["shaft2_torque"]
-    inside = np.abs(np.diff(carried, prepend=0.0)) < 5.0  # away from impacts, where differences are rough
+    inside = np.abs(np.diff(carried, prepend=0.0)) < 5.0  # away from impacts, where differences are inexact
     np.testing.assert_allclose(carried[inside][2:-2], arm[inside][2:-2], atol=0.02 * np.ptp(carried))
     assert np.mean(carried == 0.0) > 0.02  # the gap opens
 
@@ -198,6 +198,6 @@ def test_causes_are_chosen_by_code():
 
 def test_sizes_are_those_of_the_cause():
     fitted = tuple(Parameter(name, 1.0, "Nm") for name in ("load.inertia", "motor.coulomb", "load.coulomb"))
-    assert [p.name for p in told_sizes("coulomb-load", fitted)] == ["load.coulomb"]
-    assert [p.name for p in told_sizes("coulomb-motor", fitted)] == ["motor.coulomb"]
-    assert told_sizes("unheard-of", fitted) == fitted
+    assert [p.name for p in size_parameters("coulomb-load", fitted)] == ["load.coulomb"]
+    assert [p.name for p in size_parameters("coulomb-motor", fitted)] == ["motor.coulomb"]
+    assert size_parameters("unheard-of", fitted) == fitted

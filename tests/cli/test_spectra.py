@@ -99,7 +99,7 @@ def test_a_channel_at_rest_has_no_response(record, call, torque, speed, more):
     write_parquet(record / "rest.parquet", {"motor_torque": (torque * np.sin(8 * np.pi * t), "Nm"),
                                             "motor_speed": (speed * np.cos(8 * np.pi * t), "rad/s")}, 1e-3)
     code, out, talk = call("spectra", "rest.parquet", "--out", "n.yaml", *more)
-    assert (code, out) == (1, "") and "and the sensor answers; found none" in talk
+    assert (code, out) == (1, "") and "and the sensor measures; found none" in talk
 
 
 def test_an_incoherent_record_is_written_and_ends_with_three(record, call):
@@ -107,4 +107,4 @@ def test_an_incoherent_record_is_written_and_ends_with_three(record, call):
     write_parquet(record / "noise.parquet", {"motor_torque": (rng.standard_normal(9000), "Nm"),
                                              "motor_speed": (rng.standard_normal(9000), "rad/s")}, 1e-3)
     code, _, talk = call("spectra", "noise.parquet", "--out", "n.yaml")
-    assert code == 3 and "incoherent" in talk and (record / "n.yaml").exists()
+    assert code == 3 and "low-coherence" in talk and (record / "n.yaml").exists()

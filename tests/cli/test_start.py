@@ -1,4 +1,4 @@
-"""--start at the command line: what it takes, what the files say, and a run from rest in closed form."""
+"""--start at the command line: its words, its note in the files, and a run from rest in closed form."""
 
 import numpy as np
 import pyarrow.parquet as pq
@@ -95,7 +95,7 @@ def test_validate_names_both_starts_and_sees_through_a_wrong_one(tmp_path, call)
     call(*words)
     check, = yaml.safe_load(out.read_text())["checks"]
     assert check["rmse"] == pytest.approx(0.005, rel=0.1)
-    # One sample in twenty tells the start: a line through them has 0.43 of the noise at its end.
+    # One sample in twenty determines the start: a line through them has 0.43 of the noise at its end.
     assert check["rmse"] < check["measured_start_rmse"] < 2.0 * check["rmse"]
     assert check["measured_start_fit_percent"] < check["simulation_fit_percent"]
     shown = call("show", out)[1]
@@ -105,7 +105,7 @@ def test_validate_names_both_starts_and_sees_through_a_wrong_one(tmp_path, call)
     assert check["measured_start_rmse"] is None and "start state measured" not in call("show", out)[1]
     call(*words, "--start", "rest")
     file = yaml.safe_load(out.read_text())
-    assert "start-contradicted" in {f["code"] for f in file["findings"]}
+    assert "held-value-rejected" in {f["code"] for f in file["findings"]}
     rms = np.sqrt(np.mean((speed_from(2.0) - speed_from(0.0)) ** 2))
     assert file["checks"][0]["rmse"] == pytest.approx(rms, rel=0.01)
     assert file["checks"][0]["measured_start_rmse"] == file["checks"][0]["rmse"]

@@ -33,7 +33,7 @@ def records(tmp_path, monkeypatch):
 def test_from_black_box_to_a_fit_in_the_frequency_domain(records, call):
     words = ("blackbox", "run1.parquet", "run2.parquet", "--structure", "oe", "--out", "b.yaml", "--plot", "p")
     code, _, talk = call(*words)
-    assert code == 0 and "number-of-bodies" in talk
+    assert code == 0 and "model-order" in talk
     first = (records / "b.yaml").read_bytes()
     content = yaml.safe_load(first)
     Draft202012Validator(json.loads(schemas()["parameters.json"])).validate(content)

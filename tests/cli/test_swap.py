@@ -81,7 +81,7 @@ def test_a_load_that_is_a_fifth_heavier_in_the_second_is_named(call, rig):
     assert code == 0 and found["agree"] is False and line["second"] == "motor.inertia"
     assert line["difference"] == pytest.approx(0.2 * TABLE.inertia[1], rel=0.02)
     named = [line["first"] for line in found["lines"] if line["differs"]]
-    assert named == ["load.inertia"] and "warning sides-differ: The two sides differ in" in err
+    assert named == ["load.inertia"] and "warning parameters-differ: The two sides differ in" in err
     assert "load.inertia (+20 %" in err
     assert call("compare", "--swap", first, second, "--strict")[0] == 3
 
@@ -116,7 +116,7 @@ def test_one_of_the_files_may_come_from_standard_input(call, folder, monkeypatch
     assert "standard input" in (found["first"], found["second"])
 
 
-@pytest.mark.parametrize("words, said", [
+@pytest.mark.parametrize("words, message", [
     (["motor.yaml"], "found 1."), (["motor.yaml", "load.yaml", "load.yaml"], "found 3."),
     (["motor.yaml", "steps.parquet"], "found the recording steps.parquet"),
     (["motor.yaml", "."], "found the recording ."), (["-", "-"], "'-' twice"),
@@ -129,16 +129,16 @@ def test_one_of_the_files_may_come_from_standard_input(call, folder, monkeypatch
     (["motor.yaml", "load.yaml", "--condition", "detrend"], "found --condition"),
     (["motor.yaml", "load.yaml", "--set", "motor.inertia=1"], "found --set"),
     (["motor.yaml", "load.yaml", "--out", "load.yaml"], "inputs are never changed")])
-def test_wrong_usage_is_said(call, folder, words, said):
+def test_wrong_usage_is_said(call, folder, words, message):
     code, out, err = call("compare", "--swap", *words)
-    assert (code, out) == (2, "") and said in err and err.count("\n") == 1, err
+    assert (code, out) == (2, "") and message in err and err.count("\n") == 1, err
 
 
 LINEAR = {"motor.inertia": (4.0, "kg", 0.1), "load.inertia": (2.0, "kg", 0.1), "shaft.stiffness": (1e4, "N/m", 9.0)}
 DRIVE = {"torque_unit": "N", "motion_unit": "m"}
 
 
-@pytest.mark.parametrize("second, said", [
+@pytest.mark.parametrize("second, message", [
     (file_of({}), "found none in second.yaml"),
     (file_of(LINEAR, {"name": "two-mass", **DRIVE}), "Nm in motor.yaml and N in second.yaml"),
     (file_of({"motor.inertia": (1.0, "kg m^2", 0.1)}, {"name": "three-mass"}), "motor, gear, arm in second.yaml"),
@@ -146,10 +146,10 @@ DRIVE = {"torque_unit": "N", "motion_unit": "m"}
     (file_of(LOAD | {"shaft.ratio": (1.0, "", 0.1)}), "a fitted one in second.yaml"),
     (file_of(LOAD | {"shaft.half_gap": (0.1, "rad", None)}, {"name": "two-mass", "damping_law": "always"}),
      "inside in motor.yaml and always in second.yaml")])
-def test_files_that_are_no_two_sides_are_refused(call, folder, second, said):
+def test_files_that_are_no_two_sides_are_refused(call, folder, second, message):
     (folder / "second.yaml").write_text(second)
     code, out, err = call("compare", "--swap", "motor.yaml", "second.yaml")
-    assert (code, out) == (1, "") and said in err and err.count("\n") == 1, err
+    assert (code, out) == (1, "") and message in err and err.count("\n") == 1, err
 
 
 def test_one_recording_behind_both_files_is_refused(call, folder):
@@ -194,4 +194,4 @@ def test_without_an_interval_nothing_is_decided(call, folder):
     found = yaml.safe_load(out)
     assert code == 3 and [f["code"] for f in found["findings"]] == ["sides-not-compared"]
     assert found["swap"]["agree"] is None and found["swap"]["chi_square"] is None
-    assert "nothing says whether" in err
+    assert "the two sides cannot be compared" in err

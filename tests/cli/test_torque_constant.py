@@ -45,24 +45,24 @@ def content(path):
     return yaml.safe_load(Path(path).read_text())
 
 
-def figures(node, where=""):
+def numbers_by_place(node, where=""):
     """Every number of a file by its place, but for what only a recording in A has."""
     if isinstance(node, dict):
         return {k: v for key, each in node.items() if "torque_constant" not in key and key not in ("inputs", "set")
-                for k, v in figures(each, f"{where}.{key}").items()}
+                for k, v in numbers_by_place(each, f"{where}.{key}").items()}
     if isinstance(node, list):
-        return {k: v for i, each in enumerate(node) for k, v in figures(each, f"{where}.{i}").items()}
+        return {k: v for i, each in enumerate(node) for k, v in numbers_by_place(each, f"{where}.{i}").items()}
     return {where: node} if isinstance(node, float) else {}
 
 
-def both(call, step, *words, file="x.yaml"):
+def torque_and_current_files(call, step, *words, file="x.yaml"):
     """The files of a step for the recording as torques by its map, and as A with a constant."""
     found = []
     for way, more in (("map", ("--map", "scaled.yaml")), ("a", SET if step != "validate" else ())):
         params = ("--params", f"{way}-{file}") if step in ("validate", "greybox") and file else ()
         code, _, err = call(step, "a.parquet", *more, *params, *words, "--out", f"{way}-{step}.yaml")
         assert code == 0, err
-        found.append(figures(content(f"{way}-{step}.yaml")))
+        found.append(numbers_by_place(content(f"{way}-{step}.yaml")))
     assert found[0] and found[0] == pytest.approx(found[1], rel=1e-9)
     return content(f"a-{step}.yaml")
 
@@ -71,12 +71,12 @@ def both(call, step, *words, file="x.yaml"):
 @pytest.mark.usefixtures("here")
 def test_a_recording_in_amperes_is_one_in_torques(call):
     """Fit and free runs are the same to the last digit written."""
-    fit = both(call, "greybox", *START, *FIT, file="")
+    fit = torque_and_current_files(call, "greybox", *START, *FIT, file="")
     assert fit["drive"]["torque_unit"] == "Nm" and fit["drive"]["input_unit"] == "A"
     line = fit["parameters"]["motor.torque_constant"]
     assert (line["value"], line["unit"], line["std"], line["status"]) == (K, "Nm/A", None, "held")
     assert fit["parameters"]["motor.inertia"]["unit"] == "kg m^2"
-    both(call, "validate", file="greybox.yaml")
+    torque_and_current_files(call, "validate", file="greybox.yaml")
 
 
 @pytest.mark.slow
@@ -88,11 +88,11 @@ def test_a_recording_in_amperes_is_one_in_torques(call):
 def test_every_step_sees_torques(call, step, words):
     if step == "steady":
         plateaus("a.parquet", K)
-    both(call, step, *words, file="")
+    torque_and_current_files(call, step, *words, file="")
 
 
 def test_a_chain_of_steps_carries_the_constant(call, here, monkeypatch):
-    """Fitted where a held inertia tells it, held from then on; recordings in Nm leave it alone; a pipe; MCAP."""
+    """Fitted where a held inertia identifies it, held from then on; not used by recordings in Nm; a pipe; MCAP."""
     code, _, err = call("greybox", "a.parquet", "--drive", "one-body", "--set", "motor.inertia=0.02", *FIT,
                         "--hold", "motor.inertia", "--free", "motor.torque_constant",
                         "--set", "motor.torque_constant=410 mNm/A", "--out", "fit.yaml")

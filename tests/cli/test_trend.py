@@ -99,7 +99,7 @@ def codes_of(call, path, rows, *words):
     return [f["code"] for f in file["findings"]], file
 
 
-def test_recordings_without_dates_are_told_by_their_names(call, summary):
+def test_recordings_without_dates_have_their_names(call, summary):
     codes, file = codes_of(call, summary, site(4, machines=3, changed=CHANGED, dated=False))
     assert codes == ["trend-alarm", "trend-alarm", "undated-recordings"]
     texts = " ".join(f["text"] for f in file["findings"])
@@ -146,7 +146,7 @@ def test_a_copied_recording_counts_once(call, summary):
     assert {s["mean"]["recordings"] for s in file["series"]} == {25}
 
 
-def test_two_steps_that_fit_one_parameter_are_told_apart(call, summary):
+def test_two_steps_that_fit_one_parameter_are_separate(call, summary):
     rows = site(4, machines=1, changed={(1, "motor.coulomb"): step(9.0, 15)})
     rows += [replace(r, step="steady") for r in site(5, machines=1)]
     _, file = codes_of(call, summary, rows)
@@ -176,8 +176,8 @@ def test_too_few_of_one_kind_of_one_unit_or_with_a_value_are_said(call, summary)
             replace(r, value=None) if r.machine == "press 3" else r for r in rows]
     rows.append(replace(rows[0], machine="", recording="lost", parameter=None, value=None, std=None))
     codes, file = codes_of(call, summary, rows)
-    assert codes == ["few-recordings", "units-changed"]
-    assert "tell no trend: press 1 has 5, press 3 has 0. " in file["findings"][0]["text"]
+    assert codes == ["few-recordings", "units-mixed"]
+    assert "give no trend: press 1 has 5, press 3 has 0. " in file["findings"][0]["text"]
     assert "of press 2 in rad old and rad" in file["findings"][1]["text"]
 
 

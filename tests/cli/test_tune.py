@@ -91,7 +91,7 @@ def test_gains_file_says_everything_and_repeats_to_the_byte(folder, call):
 def test_pictures(folder, call, monkeypatch):
     from drivetool.tune import pictures
 
-    monkeypatch.setattr(pictures, "POINTS", 20)
+    monkeypatch.setattr(pictures, "POINTS_PER_AXIS", 20)
     words = "tune", "-p", "drive.yaml", "--draws", 20, "--out", "g.yaml", "--plot", "pictures"
     code, _, err = call(*words)
     assert code == 0 and "drew" in err
@@ -125,8 +125,8 @@ def test_options_reach_the_design(folder, call):
 def test_tandem_side_by_side(folder, call, monkeypatch):
     from drivetool.tune.optimisation import search
 
-    monkeypatch.setattr(search, "TIMES", 24)  # the optimum itself is tested elsewhere
-    monkeypatch.setattr(search, "SECONDS", 7)
+    monkeypatch.setattr(search, "GRID_TIMES", 24)  # the optimum itself is tested elsewhere
+    monkeypatch.setattr(search, "GRID_SECOND_GAINS", 7)
     (folder / "map.yaml").write_text(
         "schema: drivetool/channel-map/1\nroles: {motor_torque: t, motor_speed: n, shaft_torque: ts}\n")
     words = "tune", "-p", "tandem.yaml", "-p", "ratings.yaml", "--map", "map.yaml", "--out", "t.yaml"
@@ -185,7 +185,7 @@ WRONG = {
     "no file": (["tune"], 2, "--params"),
     "criterion": (["tune", "-p", "drive.yaml", "--criterion", "best"], 2, "wanted a criterion"),
     "limit": (["tune", "-p", "drive.yaml", "--max-sensitivity", "0.8"], 2, "sensitivity above 1; found 0.8"),
-    "infeasible": (["tune", "-p", "drive.yaml", "--max-sensitivity", "1.001"], 2, "the nearest that some keep is"),
+    "infeasible": (["tune", "-p", "drive.yaml", "--max-sensitivity", "1.001"], 2, "the lowest that can be kept is"),
     "gain": (["tune", "-p", "drive.yaml", "--max-gain", "-3"], 2, "gain above zero"),
     "gain unit": (["tune", "-p", "drive.yaml", "--max-gain", "3 kg"], 1, "unit 'kg'"),
     "weight": (["tune", "-p", "drive.yaml", "--weight", "speed"], 2, "SIGNAL=W"),

@@ -8,7 +8,7 @@ import pytest
 from drivetool.cli.command_line import COMMANDS
 from drivetool.finding_codes import CODES
 from drivetool.logs import ROLES
-from drivetool.logs.roles import FURTHER
+from drivetool.logs.roles import NAMED_ROLES
 from tests.places import ROOT
 
 FOLDER = ROOT / "docs" / "reference"
@@ -41,7 +41,7 @@ def test_every_command_finding_and_role_has_its_place():
     assert all(f"(finding-{code})=" in PAGES["findings.md"] for code in CODES)
     assert all(f"(command-{name})=" in PAGES["commands.md"] for name in COMMANDS)
     assert all(f"`{role}`" in PAGES["roles.md"] for role in ROLES)
-    assert all(f"_{what}`" in PAGES["roles.md"] for what in FURTHER)
+    assert all(f"_{what}`" in PAGES["roles.md"] for what in NAMED_ROLES)
 
 
 def test_links_lead_to_a_place():

@@ -1,4 +1,4 @@
-"""The folder of the machine code: whose it may be, where it is sought, and what is cleaned away."""
+"""The folder of the machine code: permitted owners, candidate places, and the removal of old folders."""
 
 import os
 import subprocess
@@ -14,13 +14,13 @@ from drivetool.drive.compile import code_folder
 from drivetool.errors import DriveToolError, Notice
 
 NAME = code_folder.folder_name()
-OTHER = 4711  # another user's id
-anew = code_folder.folder.__wrapped__  # without the answer of before
+OTHER_USER = 4711  # another user's id
+uncached_folder = code_folder.folder.__wrapped__  # without the cached result
 
 
 @pytest.fixture
 def places(monkeypatch, tmp_path):
-    """Where code may be kept: the folder asked for, the user's cache, the temporary files."""
+    """Candidate places for the code: the requested folder, the user's cache, the temporary files."""
     found = [(tmp_path / name).resolve() for name in ("asked", "cache", "temporary")]
     for place in found:
         place.mkdir(0o700)
@@ -31,7 +31,7 @@ def places(monkeypatch, tmp_path):
 
 
 def owned(monkeypatch, place, user):
-    """Let a folder seem to belong to a user."""
+    """Make a folder appear to belong to a user."""
     def seen(real):
         def status(path, **more):
             found = real(path, **more)
@@ -44,27 +44,28 @@ def owned(monkeypatch, place, user):
     monkeypatch.setattr(os, "lstat", seen(os.lstat))
 
 
-def passed_over(places):
-    """The folder in use, where a notice says why NUMBA_CACHE_DIR is not."""
+def folder_with_notice(places):
+    """The folder in use, after a notice why NUMBA_CACHE_DIR is not used."""
     with pytest.warns(Notice, match=f"NUMBA_CACHE_DIR cannot be used: {places[0].parents[1]}"):
-        return anew()
+        return uncached_folder()
 
 
 @pytest.mark.parametrize("mode", [0o770, 0o702, 0o1777], ids=oct)
 def test_a_folder_that_others_may_write_to_is_not_used(places, mode):
     places[0].mkdir()
     places[0].chmod(mode)
-    assert passed_over(places) == places[1]
+    assert folder_with_notice(places) == places[1]
 
 
 @pytest.mark.parametrize("mode, used", [(0o777, 1), (0o770, 1), (0o1777, 0), (0o755, 0)],
                          ids=["all", "group", "all, sticky", "none"])
 def test_nor_one_that_others_may_rename(places, mode, used):
     places[0].parent.chmod(mode)
-    assert (passed_over(places) if used else anew()) == places[used]
+    assert (folder_with_notice(places) if used else uncached_folder()) == places[used]
 
 
-@pytest.mark.parametrize("level, user, used", [(0, OTHER, 1), (0, 0, 1), (1, OTHER, 1), (1, 0, 0), (3, OTHER, 2)],
+@pytest.mark.parametrize("level, user, used", [(0, OTHER_USER, 1), (0, 0, 1), (1, OTHER_USER, 1), (1, 0, 0),
+                                               (3, OTHER_USER, 2)],
                          ids=["another's", "root's", "in another's", "in root's", "far below another's"])
 def test_it_belongs_to_the_user(monkeypatch, places, level, user, used):
     """Those above it may be root's, which may do all things anyway; the third level holds the user's cache too."""
@@ -82,25 +83,25 @@ def test_it_belongs_to_the_user(monkeypatch, places, level, user, used):
         for place in (places[0].parent, places[1].parents[1]):
             owned(monkeypatch, place, user)
         with pytest.warns(UserWarning, match="another user"):
-            assert anew() == temporary
+            assert uncached_folder() == temporary
         return
     owned(monkeypatch, [places[0], *places[0].parents][level], user)
-    assert (passed_over(places) if used else anew()) == places[used]
+    assert (folder_with_notice(places) if used else uncached_folder()) == places[used]
 
 
 def test_no_link_is_followed_to_it(places, tmp_path):
     """The link could lead to a folder of the user's that holds what another user has made him fetch."""
     (tmp_path / "elsewhere").mkdir(0o700)
     places[0].symlink_to(tmp_path / "elsewhere")
-    assert passed_over(places) == places[1]
+    assert folder_with_notice(places) == places[1]
     assert not any((tmp_path / "elsewhere").iterdir())
 
 
 def test_a_link_above_it_is_resolved_once(monkeypatch, places, tmp_path):
-    """So that nobody can turn it between the check and the use."""
+    """So that nobody can change its target between the check and the use."""
     (tmp_path / "link").symlink_to(places[0].parent)
     monkeypatch.setenv("NUMBA_CACHE_DIR", str(tmp_path / "link"))
-    assert anew() == places[0]
+    assert uncached_folder() == places[0]
 
 
 def test_what_is_made_is_private_whatever_the_mask(monkeypatch, places):
@@ -110,7 +111,7 @@ def test_what_is_made_is_private_whatever_the_mask(monkeypatch, places):
     (places[0].parent / "no").write_text("a file where the sources' folder is wanted")
     before = os.umask(0)
     try:
-        place = anew()
+        place = uncached_folder()
     finally:
         os.umask(before)
     assert place == places[1]
@@ -118,20 +119,20 @@ def test_what_is_made_is_private_whatever_the_mask(monkeypatch, places):
 
 
 def blocked(places):
-    """Neither the folder asked for nor the user's cache can be made."""
+    """Neither the requested folder nor the user's cache can be created."""
     for place in (places[0].parent, places[1].parents[1]):
         place.rmdir()
         place.write_text("a file where a folder is wanted")
 
 
 def test_where_no_place_takes_it_the_temporary_files_do(places):
-    """The folder there outlives the process, and a warning says where it is and what to do."""
+    """The folder there remains after the process, and a warning says where it is and what to do."""
     blocked(places)
     for _ in range(2):
-        with pytest.warns(UserWarning) as told:
-            assert anew() == places[2]
-        assert len(told) == 1
-        text = str(told[0].message)
+        with pytest.warns(UserWarning) as notices:
+            assert uncached_folder() == places[2]
+        assert len(notices) == 1
+        text = str(notices[0].message)
         assert f"kept in {places[2].parent}" in text and f"{places[0].parent} is not a folder" in text
         assert "NUMBA_CACHE_DIR" in text and "XDG_CACHE_HOME" in text and "anew" not in text
         (places[2] / "part.o").touch()
@@ -153,7 +154,7 @@ def test_a_folder_planted_there_is_not_used(monkeypatch, places, tmp_path, plant
     mine = []
     monkeypatch.setattr(code_folder, "_temporary", mine)
     with pytest.warns(UserWarning, match=r"anew by every process .*drivetool-\d"):
-        place = anew()
+        place = uncached_folder()
     assert place.parents[1] == places[2].parents[1] and place.parent != places[2].parent
     assert place.name == NAME and place.parent.stat().st_mode & 0o777 == 0o700
     assert not any((tmp_path / "elsewhere").iterdir())
@@ -165,7 +166,7 @@ def test_where_no_file_can_be_written_a_sentence_says_so(monkeypatch, places):
     blocked(places)
     monkeypatch.setattr(tempfile, "tempdir", str(places[0].parent / "nowhere"))
     with pytest.raises(DriveToolError, match="Set NUMBA_CACHE_DIR"):
-        anew()
+        uncached_folder()
 
 
 def test_a_home_that_is_not_known_is_not_made_up(monkeypatch, places, tmp_path):
@@ -175,20 +176,20 @@ def test_a_home_that_is_not_known_is_not_made_up(monkeypatch, places, tmp_path):
     monkeypatch.setattr(os.path, "expanduser", lambda path: path)
     monkeypatch.chdir(tmp_path)
     with pytest.warns(UserWarning, match="kept in"):
-        assert anew() == places[2]
+        assert uncached_folder() == places[2]
     assert not (tmp_path / "~").exists()
 
 
 def test_a_relative_folder_stays_where_it_is(monkeypatch, places, tmp_path):
     monkeypatch.chdir(tmp_path)
     monkeypatch.setenv("NUMBA_CACHE_DIR", "asked")
-    assert anew() == places[0] and places[0].is_absolute()
+    assert uncached_folder() == places[0] and places[0].is_absolute()
 
 
 # What the code depends on
 
 def test_the_folder_is_named_after_all_sources(monkeypatch):
-    """A part holds what it calls in other files."""
+    """A part contains the code that it calls in other files."""
     read = Path.read_bytes
     for name in ("run.py", "effects/drag.py"):
         monkeypatch.setattr(Path, "read_bytes", lambda file, name=name: read(file) + (
@@ -226,14 +227,14 @@ def folder_of(place, days, marked=True):
     """A folder of machine code that was in use so many days ago."""
     place.mkdir(parents=True, mode=0o700)
     if marked:
-        (place / code_folder.MARKER).write_bytes(code_folder.MARK)
+        (place / code_folder.MARKER).write_bytes(code_folder.MARKER_CONTENT)
     (place / "run.o").touch()
     os.utime(place, (time.time() - 86400.0 * days,) * 2)
     return place
 
 
 def test_machine_code_of_old_versions_is_removed(tmp_path):
-    """What was in use within a day stays, and the newest three; so does what is not ours."""
+    """Folders in use within a day stay, and the newest three; so do folders of other tools."""
     for name, days in (("kernel-a", 0.0), ("kernel-b", 0.1), ("kernel-c", 0.2), ("kernel-d", 0.3),
                        ("kernel-e", 2.0), ("kernel-now", 40.0), ("other", 40.0),
                        ("old/kernel-a", 2.0), ("old/kernel-b", 3.0),
@@ -249,13 +250,13 @@ def test_machine_code_of_old_versions_is_removed(tmp_path):
 @pytest.fixture
 def old(monkeypatch, tmp_path):
     """A folder old enough to be removed, if it is marked and nothing else is in it."""
-    monkeypatch.setattr(code_folder, "KEPT", 0)
+    monkeypatch.setattr(code_folder, "MAX_OLD_FOLDERS", 0)
     (tmp_path / "kernel-now").mkdir(0o700)
     return folder_of(tmp_path / "kernel-old", 40.0)
 
 
 def test_a_folder_that_this_tool_marked_is_one_that_it_removes(places, old):
-    place = anew()
+    place = uncached_folder()
     aside = place.rename(old.parent / "kernel-made")
     os.utime(aside, (0.0, 0.0))
     code_folder.prune(old.parent / "kernel-now")
@@ -263,7 +264,7 @@ def test_a_folder_that_this_tool_marked_is_one_that_it_removes(places, old):
 
 
 def test_all_files_of_ours_are_removed_with_it(old):
-    """Also what a compiler left that was killed, and what Numba keeps for tune."""
+    """Also the files of a killed compiler, and those of Numba for tune."""
     (old / "lock").touch()
     (old / "run.o3fa9.part").touch()
     for folder in ("tune_5f", "speed_loop_5f"):
@@ -287,7 +288,7 @@ def test_a_folder_without_the_marker_stays_as_it_is(old, mark):
 
 
 def test_another_users_folder_stays(monkeypatch, old):
-    owned(monkeypatch, old, OTHER)
+    owned(monkeypatch, old, OTHER_USER)
     code_folder.prune(old.parent / "kernel-now")
     assert (old / "run.o").exists()
 
@@ -330,7 +331,7 @@ def test_a_file_that_cannot_be_finished_leaves_nothing(monkeypatch, tmp_path):
     assert [f.name for f in tmp_path.iterdir()] == ["run.o"] and (tmp_path / "run.o").read_bytes() == b"before"
 
 
-def test_nothing_is_told_where_all_is_well(places):
+def test_no_notice_where_all_is_well(places):
     with warnings.catch_warnings():
         warnings.simplefilter("error")
-        assert anew() == places[0]
+        assert uncached_folder() == places[0]

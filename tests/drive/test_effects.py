@@ -17,12 +17,12 @@ from drivetool.drive.simulation.simulate import Trace
 from tests.drive.test_kernel import STEP, plant_of
 
 pytestmark = pytest.mark.usefixtures("code_for_any_size")
-EACH = pytest.mark.parametrize("effect", EFFECTS, ids=lambda effect: effect.code)
+EACH_EFFECT = pytest.mark.parametrize("effect", EFFECTS, ids=lambda effect: effect.code)
 OWNER = {"body": "load", "shaft": "shaft", "path": "converter", "sensor": "sensor", "friction": "friction",
          "motor": "motor"}
 OUTPUTS = ("motor_speed", "load_speed", "shaft_torque", "load_angle")
-EXAMPLES = settings(max_examples=25, deadline=None, derandomize=True)
-LAWS = pytest.mark.parametrize("law", ["inside", "always"])
+HYPOTHESIS_SETTINGS = settings(max_examples=25, deadline=None, derandomize=True)
+EACH_DAMPING_LAW = pytest.mark.parametrize("law", ["inside", "always"])
 
 
 def base(law="inside", **more):
@@ -76,7 +76,7 @@ def reversals(n=600):
     return np.repeat(np.random.default_rng(5).uniform(-40.0, 40.0, n // 50), 50)
 
 
-@EACH
+@EACH_EFFECT
 def test_says_what_it_is(effect):
     assert re.fullmatch(r"[a-z]+(-[a-z]+)*", effect.code) and effect.of in OWNER
     assert effect.law and effect.needs and effect.source and effect.quantities
@@ -98,8 +98,8 @@ def test_names_are_not_used_twice():
         assert len(suffixes) == len(set(suffixes))
 
 
-@LAWS
-@EACH
+@EACH_DAMPING_LAW
+@EACH_EFFECT
 def test_neutral_value_changes_nothing(effect, law):
     """The neutral value, no value, and the neutral value of a free parameter: the same simulation."""
     names = [f"{OWNER[effect.of]}.{s}" for s, q in effect.quantities.items() if q.neutral is not None]
@@ -113,7 +113,7 @@ def test_neutral_value_changes_nothing(effect, law):
         np.testing.assert_allclose(run(neutral, reversals(), start, free), plain, rtol=0.0, atol=1e-9)
 
 
-@EACH
+@EACH_EFFECT
 def test_an_effect_that_is_present_acts(effect):
     """A value that differs from the present one changes the simulation."""
     drive = base(**{"load.idle_torque": 3.0, **SMOOTH.get(effect.code, {})})
@@ -129,9 +129,9 @@ def same_without_an_angle(drive):
     np.testing.assert_allclose(alone, beside, rtol=0.0, atol=1e-9)
 
 
-@EACH
+@EACH_EFFECT
 def test_an_effect_acts_where_the_speed_alone_is_measured(effect):
-    """The usual record. A law over an angle that does not say so works only beside an encoder."""
+    """The usual record. A law over an angle that does not declare it works only with an encoder."""
     same_without_an_angle(base(**{"load.idle_torque": 3.0, **SMOOTH.get(effect.code, {})}))
 
 
@@ -156,7 +156,7 @@ def test_a_further_law_over_an_angle_needs_its_declaration_only(monkeypatch):
                                   and e.code != "torque-constant"])  # there it has no input
 @pytest.mark.parametrize("body", ["motor", "gear", "arm"])
 def test_an_effect_of_a_body_acts_on_any_of_them(code, body):
-    """What was found on the last body must not be lost when one more is found behind it."""
+    """An effect of the last body must not be lost when another body is added behind it."""
     values = {"motor.inertia": 0.6, "gear.inertia": 2.0, "arm.inertia": 3.2, "shaft.stiffness": 3300.0,
               "shaft.damping": 3.1, "shaft2.stiffness": 6000.0, "shaft2.damping": 4.0, f"{body}.coulomb": 2.0,
               f"{body}.viscous": 0.5}
@@ -166,8 +166,8 @@ def test_an_effect_of_a_body_acts_on_any_of_them(code, body):
     assert np.abs(with_it - without).max() > 1e-4
 
 
-@LAWS
-@EACH
+@EACH_DAMPING_LAW
+@EACH_EFFECT
 def test_odd_where_declared(effect, law):
     """Mirrored input and start give the mirrored output to the last digit, or the effect is not odd."""
     drive = base(law, **SMOOTH.get(effect.code, {}))
@@ -197,9 +197,9 @@ def energy(drive, states):
                   + value("shaft.stiffness") * wound**2)
 
 
-@LAWS
+@EACH_DAMPING_LAW
 @pytest.mark.parametrize("suffix", ["viscous", "coulomb", "damping"])
-@EXAMPLES
+@HYPOTHESIS_SETTINGS
 @given(start=SIZES, level=LEVELS, half_gap=st.sampled_from([0.0, 0.002, 0.02]))
 def test_friction_never_gives_energy(law, suffix, start, level, half_gap):
     owner = ["shaft"] if suffix == "damping" else ["motor", "load"]
@@ -210,7 +210,7 @@ def test_friction_never_gives_energy(law, suffix, start, level, half_gap):
     assert np.diff(stored).max() <= 1e-11 * (1.0 + stored[0])
 
 
-@EXAMPLES
+@HYPOTHESIS_SETTINGS
 @given(start=SIZES, level=st.floats(0.0, 3.0), half_gap=st.sampled_from([1e-4, 0.002, 0.02]))
 def test_a_dead_zone_with_the_damping_inside_never_pulls(start, level, half_gap):
     """Torque only in the direction in which the contact is pressed, however large the damping."""
@@ -226,7 +226,7 @@ def test_a_dead_zone_with_the_damping_inside_never_pulls(start, level, half_gap)
 
 
 def test_the_damping_that_acts_always_does_pull():
-    """Chapter 6 says so: wound up and yet negative torque."""
+    """According to chapter 6: negative torque at a positive twist."""
     for law, pulls in (("inside", False), ("always", True)):
         values = {k: v for k, v in base().values.items() if "converter" not in k}
         drive = replace(two_mass(), values=values | {"shaft.damping": 60.0}, damping_law=law)

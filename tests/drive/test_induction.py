@@ -7,7 +7,7 @@ import pytest
 
 from drivetool.drive.assemble import Layout
 from drivetool.drive.chain import one_body
-from drivetool.drive.effects.induction import FLUXES, VOLTAGES, flux_flow, steady_torque
+from drivetool.drive.effects.induction import FLUXES, VOLTAGES, flux_dynamics, steady_torque
 from drivetool.drive.simulation.augment import plant_of
 from drivetool.drive.simulation.simulate import Trace
 from tests.coasting import STEP
@@ -15,7 +15,7 @@ from tests.induction import ELECTRICAL, Machine, run_up
 
 MECHANICAL = {"motor.inertia": 8.7499e-5, "motor.viscous": 1.0791e-4, "motor.coulomb": 0.012998,
               "motor.idle_torque": 0.0}
-PEAK = 220.0 * np.sqrt(2.0 / 3.0)
+PHASE_PEAK = 220.0 * np.sqrt(2.0 / 3.0)
 FREE = ("motor.inertia", "motor.viscous", "motor.coulomb", "motor.rotor_resistance", "motor.leakage_inductance",
         "motor.magnetizing_inductance", "motor.stator_resistance")
 
@@ -25,7 +25,7 @@ def drive_of(frequency=50.0, **more):
     return one_body().with_values({**MECHANICAL, **ELECTRICAL, "motor.supply_frequency": frequency, **more})
 
 
-def simulated(drive, samples, voltage=PEAK, free=(), step=STEP, start=None):
+def simulated(drive, samples, voltage=PHASE_PEAK, free=(), step=STEP, start=None):
     """(outputs, sensitivities or None) of the speed from switching on at rest without flux."""
     plant = plant_of(drive, Layout(tuple(free), ("motor_torque", *VOLTAGES), ("motor_speed",), step,
                                    gradient=bool(free)))
@@ -42,7 +42,7 @@ def simulated(drive, samples, voltage=PEAK, free=(), step=STEP, start=None):
 @pytest.mark.parametrize(("speed", "pole"), [(0.0, -13.08), (150.0, -54.54), (303.7, -67.63)])
 @pytest.mark.parametrize("frequency", [0.0, 40.0, 50.0])
 def test_the_fluxes_fade_as_the_reference_has_it_whatever_the_frequency(speed, pole, frequency):
-    assert np.linalg.eigvals(flux_flow(drive_of(frequency), speed)).real.max() == pytest.approx(pole, abs=5e-3)
+    assert np.linalg.eigvals(flux_dynamics(drive_of(frequency), speed)).real.max() == pytest.approx(pole, abs=5e-3)
 
 
 def circuit_torque(machine, slip):
@@ -60,7 +60,7 @@ def test_a_steady_torque_is_that_of_the_equivalent_circuit(slip, pairs):
     machine = Machine(pairs=pairs)
     drive = drive_of(**{"motor.pole_pairs": float(pairs)})
     speed = (1.0 - slip) * 2.0 * np.pi * 50.0 / pairs
-    assert steady_torque(drive, PEAK, speed) == pytest.approx(circuit_torque(machine, slip), rel=1e-9)
+    assert steady_torque(drive, PHASE_PEAK, speed) == pytest.approx(circuit_torque(machine, slip), rel=1e-9)
 
 
 @pytest.mark.slow
@@ -76,13 +76,13 @@ def test_a_run_up_is_that_of_a_general_solver(machine):
 def test_a_run_up_ends_where_the_equivalent_circuit_meets_the_friction():
     found, _ = simulated(drive_of(), 20000)
     brakes = 1.0791e-4 * found[-1] + 0.012998
-    assert steady_torque(drive_of(), PEAK, found[-1]) == pytest.approx(brakes, rel=1e-7)
+    assert steady_torque(drive_of(), PHASE_PEAK, found[-1]) == pytest.approx(brakes, rel=1e-7)
 
 
 def test_a_run_up_is_the_same_in_every_frame():
     there, _ = simulated(drive_of(50.0), 4000)
     turns = np.exp(2j * np.pi * 10.0 * STEP * (np.arange(4000) + 0.5)) * np.sinc(10.0 * STEP)
-    here, _ = simulated(drive_of(40.0), 4000, PEAK * turns)
+    here, _ = simulated(drive_of(40.0), 4000, PHASE_PEAK * turns)
     assert np.abs(here - there).max() < 1e-5 * np.abs(there).max()
 
 

@@ -1,4 +1,4 @@
-"""Compiled functions that are kept between calls: loaded if they are whole, else compiled anew."""
+"""Compiled functions that are cached between calls: loaded if they are intact, else recompiled."""
 
 import os
 import shutil
@@ -6,7 +6,7 @@ import shutil
 import pytest
 
 from drivetool.drive.compile import numba_private
-from drivetool.drive.compile.numba_private import kept_in_folder
+from drivetool.drive.compile.numba_private import cached_in_folder
 
 
 def twice(x):
@@ -25,7 +25,7 @@ def place(tmp_path, monkeypatch):
 
 def called(function):
     """Result of a fresh dispatcher, and whether it was loaded."""
-    compiled = kept_in_folder(function)
+    compiled = cached_in_folder(function)
     result = compiled(1.5)
     return result, sum(compiled.stats.cache_hits.values()) == 1
 

@@ -1,4 +1,4 @@
-"""The kernel against exact steps of linear chains, and the tools that the other kernel tests share."""
+"""The kernel against exact steps of linear chains, and helpers shared by the other kernel tests."""
 
 import dataclasses
 
@@ -149,7 +149,7 @@ def test_linear_chain_is_exact(name):
 
 @pytest.mark.parametrize("order", [1.0, 2.0])
 def test_a_lag_of_the_torque_and_a_filter_on_the_speed_commute(order):
-    """On a linear drive; there they cannot be told apart."""
+    """On a linear drive, where they are indistinguishable."""
     machine, lag = machine_by_seed(1, idle_torque=(0.0, 0.0)), {"bandwidth": 250.0, "order": order}
     trace = Trace(np.repeat([0.0, 20.0, -5.0], 200)[:, None], np.full((600, 1), np.nan), STEP)
     runs = []

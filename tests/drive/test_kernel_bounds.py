@@ -1,4 +1,4 @@
-"""The compiled kernel writes nowhere but into its arrays, and reads nothing that lies beside them."""
+"""The compiled kernel writes only into its arrays, and reads nothing outside them."""
 
 
 import numpy as np
@@ -14,11 +14,11 @@ from tests.drive.test_kernel import STEP, THREE, drive_of, plant_of
 pytestmark = pytest.mark.slow  # machine code of every size has to be compiled first
 
 MARGIN = 64  # numbers before and after each array
-BESIDE = {"float64": np.nan, "int64": 2**40 + 1}
+MARGIN_FILL = {"float64": np.nan, "int64": 2**40 + 1}
 
 
 class Fenced:
-    """Tables whose arrays are copies that lie between margins; what is read there shows, and what is written."""
+    """Tables whose arrays are copies between margins, which reveal reads and writes outside the arrays."""
 
     def __init__(self):
         self.kept = []
@@ -28,17 +28,17 @@ class Fenced:
         for name, number, dimensions in fields(type(values)):
             if dimensions:
                 array = getattr(values, name)
-                room = np.full(array.size + 2 * MARGIN, BESIDE[number.name], number)
-                inside[name] = room[MARGIN:MARGIN + array.size].reshape(array.shape)
+                buffer = np.full(array.size + 2 * MARGIN, MARGIN_FILL[number.name], number)
+                inside[name] = buffer[MARGIN:MARGIN + array.size].reshape(array.shape)
                 inside[name][...] = array
-                self.kept.append((name, room, inside[name], array))
+                self.kept.append((name, buffer, inside[name], array))
         return packed(values._replace(**inside))
 
     def check(self):
-        """Look at the margins, and hand over what was written between them."""
-        for name, room, inside, array in self.kept:
-            for margin in (room[:MARGIN], room[-MARGIN:]):
-                np.testing.assert_array_equal(margin, np.full(MARGIN, BESIDE[room.dtype.name]), err_msg=name)
+        """Check the margins, and copy back what was written between them."""
+        for name, buffer, inside, array in self.kept:
+            for margin in (buffer[:MARGIN], buffer[-MARGIN:]):
+                np.testing.assert_array_equal(margin, np.full(MARGIN, MARGIN_FILL[buffer.dtype.name]), err_msg=name)
             if array.flags.writeable:
                 array[...] = inside
 
@@ -64,8 +64,8 @@ def fenced(monkeypatch):
     return inside
 
 
-def everything(drive, outputs, free, record, start):
-    """All that the kernel can be asked for: simulated and filtered, with and without sensitivities and observer."""
+def all_passes(drive, outputs, free, record, start):
+    """All passes of the kernel: simulation and filter, with and without sensitivities and observer."""
     plant = plant_of(drive, outputs, free)
     n = len(outputs)
     out, states, _ = plant.simulate(record, start[:plant.nx], keep=True)
@@ -76,29 +76,29 @@ def everything(drive, outputs, free, record, start):
     return out, states, filtered.innovations, filtered.states, seen, free_run, slopes, observed
 
 
-def the_same(fenced, drive, outputs, free):
+def assert_same_results(fenced, drive, outputs, free):
     """Compare runs with and without margins, some measurements missing."""
     torque = reversals(300)
     measured = np.random.default_rng(1).normal(0.0, 0.1, (len(torque), len(outputs)))
     measured[::7, 1] = np.nan
     record, start = Trace(torque[:, None], measured, STEP), np.array([0.5, -0.3, 0.012, *np.zeros(9)])
     given = drive, outputs, free, record, start
-    for one, other in zip(fenced(everything, *given), everything(*given), strict=True):
+    for one, other in zip(fenced(all_passes, *given), all_passes(*given), strict=True):
         np.testing.assert_array_equal(one, other)
 
 
 @pytest.mark.parametrize("law", ["inside", "always"])
 @pytest.mark.parametrize("effect", EFFECTS, ids=lambda effect: effect.code)
 def test_arrays_between_margins_give_the_same(effect, law, fenced):
-    """Each effect acting, with what it consists of fixed and free."""
+    """Each effect acting, with its parameters fixed and free."""
     drive = base(law, **SMOOTH.get(effect.code, {}))
     names = [f"{OWNER[effect.of]}.{suffix}" for suffix in effect.quantities]
     names = [name for name in names if np.isfinite(drive.values.get(name, np.nan))]
     for free in ((), names):
-        the_same(fenced, drive, OUTPUTS, free)
+        assert_same_results(fenced, drive, OUTPUTS, free)
 
 
 def test_three_masses_between_margins_give_the_same(fenced):
     drive = drive_of(THREE)
     for free in ((), ("motor.inertia", "shaft2.stiffness", "shaft.half_gap", "gear.coulomb")):
-        the_same(fenced, drive, ("motor_speed", "arm_speed"), free)
+        assert_same_results(fenced, drive, ("motor_speed", "arm_speed"), free)

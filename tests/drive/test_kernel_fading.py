@@ -1,4 +1,4 @@
-"""Modes that fade within a sample: a shaft damped beyond what its record can show, beside smooth laws."""
+"""Modes that decay within a sample: a shaft damped so strongly that no record resolves it, with smooth laws."""
 
 from dataclasses import replace
 
@@ -32,13 +32,13 @@ def run(values, pieces=0):
             patch.setattr(augment, "_pieces", lambda _: pieces)
         plant = augment.plant_of(drive, Layout((), ("motor_torque",), ("motor_speed",), STEP, gradient=False))
     trace = Trace(torque[:, None], np.zeros((SIZE, 1)), STEP)
-    return len(plant.system.spans), plant.outputs(trace, np.zeros(plant.nx))[:, 0]
+    return len(plant.system.part_lengths), plant.outputs(trace, np.zeros(plant.nx))[:, 0]
 
 
 @pytest.mark.parametrize("law", LAWS)
 @pytest.mark.parametrize("shaft", [(22080.0, 66260.0), (1.3e6, 823300.0)], ids=["13 a sample", "170 a sample"])
 def test_few_pieces_are_as_good_as_many(law, shaft):
-    """What has faded swings no more: many pieces would only take their time."""
+    """A decayed mode does not oscillate: many pieces would only cost time."""
     values = {"shaft.stiffness": shaft[0], "shaft.damping": shaft[1], **LAWS[law]}
     spans, speed = run(values)
     _, exact = run(values, 20)
@@ -48,4 +48,4 @@ def test_few_pieces_are_as_good_as_many(law, shaft):
 
 def test_what_swings_is_cut_as_fine_as_before():
     spans, _ = run({"shaft.stiffness": 3e7, "shaft.damping": 50.0, **LAWS["drag"]})
-    assert spans == pytest.approx(np.sqrt(3e7 * (1.0 / 6.5 + 1.0 / 20.9)) * STEP / augment.FASTEST, abs=1.0)
+    assert spans == pytest.approx(np.sqrt(3e7 * (1.0 / 6.5 + 1.0 / 20.9)) * STEP / augment.MAX_PIECE_RATE, abs=1.0)

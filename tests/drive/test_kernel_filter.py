@@ -6,14 +6,14 @@ import numpy as np
 import pytest
 from scipy.linalg import expm, toeplitz
 
-from drivetool.drive.simulation.simulate import CHUNK, Gains, Trace
+from drivetool.drive.simulation.simulate import CHUNK_SAMPLES, ObserverGains, Trace
 from tests.drive.test_kernel import STEP, changed, drive_of, levels, plant_of, start_of
 from tests.simulator.linear import equations
 from tests.simulator.machine import Machine, at_rest, machine_by_seed
 from tests.simulator.simulate import simulate_linear
 
 OUTPUTS = ("motor_speed", "shaft_torque")
-SPEEDS = ("motor_speed", "load_speed")  # states both: another way through the kernel
+SPEEDS = ("motor_speed", "load_speed")  # both are states: another path through the kernel
 FREE = ("motor.inertia", "load.inertia", "shaft.stiffness", "shaft.damping", "motor.coulomb")
 RIG = Machine((0.6, 5.2), (0.8, 0.3), (5.0, 0.0), (0.0, 8.0), (3300.0,), (3.1,), (0.01,), rated_torque=200.0)
 
@@ -29,10 +29,10 @@ def record(machine, n, seed, ny=2, holes=0.1):
 def random_gains(n, seed):
     """An observer that changes from sample to sample."""
     rng = np.random.default_rng(seed)
-    return Gains(rng.uniform(-0.02, 0.02, (n, 2, 3)) * [1.0, 1.0, 1e-3], rng.uniform(0.5, 2.0, (n, 2)))
+    return ObserverGains(rng.uniform(-0.02, 0.02, (n, 2, 3)) * [1.0, 1.0, 1e-3], rng.uniform(0.5, 2.0, (n, 2)))
 
 
-@pytest.mark.parametrize("n", [100, CHUNK, 2 * CHUNK + 17])
+@pytest.mark.parametrize("n", [100, CHUNK_SAMPLES, 2 * CHUNK_SAMPLES + 17])
 @pytest.mark.parametrize("observed", [False, True])
 def test_normal_equations_are_the_jacobian_squared(n, observed):
     plant, trace = plant_of(drive_of(RIG), OUTPUTS, FREE), record(RIG, n, 1)
@@ -135,7 +135,7 @@ def test_frozen_gains_replay_the_filter(machine, outputs):
 
 @pytest.mark.parametrize("coulomb", [(0.0, 0.0), (5.0, 4.0)], ids=["gap", "gap and friction"])
 def test_an_observed_pass_is_the_same_whether_its_states_are_kept(coulomb):
-    """Also across several hundred events, from one of which it goes to the next."""
+    """Also across several hundred events, with event-free loops between them."""
     machine = changed(RIG, coulomb=coulomb)
     plant, trace = plant_of(drive_of(machine), SPEEDS), record(machine, 2000, 9)
     kept, short = (plant.simulate(trace, np.zeros(3), random_gains(2000, 3), keep=keep) for keep in (True, False))
@@ -145,7 +145,7 @@ def test_an_observed_pass_is_the_same_whether_its_states_are_kept(coulomb):
 
 @pytest.mark.parametrize("slow", [0.1, 1.0])
 def test_torque_noise_that_is_weak_where_it_is_slow_is_the_joint_normal_distribution(slow):
-    """Likelihood of a short record by its whole covariance, from impulse responses of the other simulator."""
+    """Likelihood of a short record by its full covariance, from impulse responses of the other simulator."""
     machine, n, memory, white, sensor = replace(RIG, coulomb=(0.0, 0.0), half_gap=(0.0,)), 60, 0.8, 9.0, 1e-4
     torque, begin = levels(machine, n, 5), at_rest(machine)
     calm, moved = (simulate_linear(machine, torque, STEP, begin, size * np.eye(n)[0]).speeds[:n, 0]
@@ -159,7 +159,7 @@ def test_torque_noise_that_is_weak_where_it_is_slow_is_the_joint_normal_distribu
     plant = plant_of(drive_of(machine), ("motor_speed",), memory=memory)
     start, last = np.append(start_of(machine, plant)[:3], 0.0), np.eye(4)[3]
     passed = plant.filter(Trace(torque[:, None], (calm + error)[:, None], STEP), start, np.array([sensor]), white,
-                          np.zeros(4), np.diag(last * white * kick**2 / (1.0 - memory**2)), kick=last * kick)
+                          np.zeros(4), np.diag(last * white * kick**2 / (1.0 - memory**2)), noise_input=last * kick)
     found = np.sum(passed.innovations**2 / passed.variance + np.log(passed.variance))
     wanted = error @ np.linalg.solve(whole, error) + np.linalg.slogdet(whole)[1]
     assert found == pytest.approx(wanted, rel=1e-7)

@@ -1,4 +1,4 @@
-"""Hostile numbers: many random machines, extreme values, and that nothing hangs or breaks."""
+"""Extreme input: many random machines and extreme values, and no run hangs or crashes."""
 
 import numpy as np
 import pytest
@@ -75,7 +75,7 @@ EXTREME = {
 @pytest.mark.parametrize("name", EXTREME)
 @pytest.mark.parametrize("law", ["inside", "always"])
 def test_values_at_the_bounds_of_what_a_fit_may_try_end_soon(name, law):
-    """Trial values of a fit: any answer will do, but it has to come, and with sensitivities."""
+    """Trial values of a fit: any result is accepted, but the run must end, also with sensitivities."""
     machine = Machine((0.6, 5.2), (0.8, 0.3), (5.0, 4.0), (0.0, 8.0), (3300.0,), (3.1,), (0.01,), law=law,
                       rated_torque=100.0)
     for value in EXTREME[name]:
@@ -99,15 +99,15 @@ def test_a_machine_too_stiff_for_the_record_is_a_rigid_one(stiffness):
 
 @pytest.mark.parametrize("dead_time", [0.0, 0.4 * STEP])
 def test_more_modes_than_are_kept(monkeypatch, dead_time):
-    """A cache that is emptied again and again changes nothing."""
+    """A cache that is emptied repeatedly changes nothing."""
     n = 3
     machine = Machine((1.0,) * n, (0.3,) * n, (1.0,) * n, (), (2000.0,) * (n - 1), (1.0,) * (n - 1),
                       (2e-4,) * (n - 1), dead_time=dead_time, rated_torque=80.0)
     free, trace = ("motor.inertia", "converter.dead_time"), Trace(
         levels(machine, 1500, 3, hold=15)[:, None], np.zeros((1500, 1)), STEP)
     runs = []
-    for capacity in (system.CAPACITY, 3):
-        monkeypatch.setattr(system, "CAPACITY", capacity)
+    for capacity in (system.MAX_CACHED_MODES, 3):
+        monkeypatch.setattr(system, "MAX_CACHED_MODES", capacity)
         plant = plant_of(drive_of(machine), ["motor_speed"], free)
         runs.append(plant.jacobian(trace, start_of(machine, plant))[1])
     assert plant.cache.rate.size == 4
@@ -126,7 +126,7 @@ def test_numbers_that_are_not_finite_end_too():
 
 
 def test_how_arrays_lie_in_memory_does_not_matter():
-    """Columns first, every second row, whole numbers: the kernel walks along rows of floats."""
+    """Columns first, every second row, whole numbers: the kernel reads contiguous rows of floats."""
     machine = Machine((0.6, 5.2), (0.8, 0.3), (0.0, 0.0), (0.0, 0.0), (3300.0,), (3.1,), rated_torque=200.0)
     plant = plant_of(drive_of(machine), ["motor_speed", "load_speed"])
     torque = np.round(levels(machine, 400, 1))[:, None]

@@ -14,33 +14,34 @@ from tests.simulator.effects import Effects
 from tests.simulator.fast import simulate_fast
 from tests.simulator.machine import Machine
 
-PLAIN = Machine((0.6, 5.2), (0.8, 0.3), (0.0, 0.0), (0.0, 0.0), (3300.0,), (3.1,), rated_torque=200.0)
-RUBS = replace(PLAIN, coulomb=(5.0, 4.0))
-LOOSE = replace(RUBS, half_gap=(0.01,))
+LINEAR_DRIVE = Machine((0.6, 5.2), (0.8, 0.3), (0.0, 0.0), (0.0, 0.0), (3300.0,), (3.1,), rated_torque=200.0)
+WITH_FRICTION = replace(LINEAR_DRIVE, coulomb=(5.0, 4.0))
+WITH_FRICTION_AND_GAP = replace(WITH_FRICTION, half_gap=(0.01,))
 OUTPUTS = ("motor_speed", "load_speed", "motor_angle")
 # machine, its further laws, what drivetool calls them, and the error [rad/s] of the motor speed allowed:
 # the parabola through three values of a torque is of fourth order where the torque is smooth.
 CASES = {
-    "stribeck": (RUBS, Effects(stribeck=(3.0, 0.0), stribeck_speed=(0.5, 1.0)),
+    "stribeck": (WITH_FRICTION, Effects(stribeck=(3.0, 0.0), stribeck_speed=(0.5, 1.0)),
                  {"motor.stribeck": 3.0, "motor.stribeck_speed": 0.5}, 1e-4),
-    "stribeck-power": (RUBS, Effects(stribeck=(3.0, 0.0), stribeck_speed=(0.5, 1.0), stribeck_power=(3.0, 2.0)),
+    "stribeck-power": (WITH_FRICTION,
+                       Effects(stribeck=(3.0, 0.0), stribeck_speed=(0.5, 1.0), stribeck_power=(3.0, 2.0)),
                        {"motor.stribeck": 3.0, "motor.stribeck_speed": 0.5, "motor.stribeck_power": 3.0}, 1e-4),
-    "stribeck-load": (LOOSE, Effects(stribeck=(0.0, 3.0), stribeck_speed=(1.0, 0.5)),
+    "stribeck-load": (WITH_FRICTION_AND_GAP, Effects(stribeck=(0.0, 3.0), stribeck_speed=(1.0, 0.5)),
                       {"load.stribeck": 3.0, "load.stribeck_speed": 0.5}, 1e-4),
-    "asymmetry": (PLAIN, Effects(viscous_back=(0.4, 0.3)),
+    "asymmetry": (LINEAR_DRIVE, Effects(viscous_back=(0.4, 0.3)),
                   {"motor.viscous": 0.6, "motor.viscous_asymmetry": 0.2}, 1e-4),
-    "drag": (LOOSE, Effects(quadratic=(0.02, 0.05)), {"motor.drag": 0.02, "load.drag": 0.05}, 1e-5),
-    "ripple": (LOOSE, Effects(ripple=(3.0, 6.5, 0.4)),
+    "drag": (WITH_FRICTION_AND_GAP, Effects(quadratic=(0.02, 0.05)), {"motor.drag": 0.02, "load.drag": 0.05}, 1e-5),
+    "ripple": (WITH_FRICTION_AND_GAP, Effects(ripple=(3.0, 6.5, 0.4)),
                {"motor.ripple_sine": 3.0 * np.cos(0.4), "motor.ripple_cosine": 3.0 * np.sin(0.4),
                 "motor.ripple_order": 6.5}, 1e-5),
-    "imbalance": (RUBS, Effects(imbalance=(3.0, 1.0, 0.4)),
+    "imbalance": (WITH_FRICTION, Effects(imbalance=(3.0, 1.0, 0.4)),
                   {"load.imbalance_sine": -3.0 * np.cos(0.4), "load.imbalance_cosine": -3.0 * np.sin(0.4)}, 1e-5),
-    "hardening": (PLAIN, Effects(hardening_twist=(0.02,)),
+    "hardening": (LINEAR_DRIVE, Effects(hardening_twist=(0.02,)),
                   {"shaft.hardening": 1.0, "shaft.hardening_twist": 0.02}, 1e-5),
-    "load-damping": (PLAIN, Effects(damping_torque=(50.0,)), {"shaft.load_damping": 3.1 / 50.0}, 1e-4),
-    "filter": (LOOSE, Effects(filter_time=0.004), {"sensor.bandwidth": 250.0}, 1e-7),
+    "load-damping": (LINEAR_DRIVE, Effects(damping_torque=(50.0,)), {"shaft.load_damping": 3.1 / 50.0}, 1e-4),
+    "filter": (WITH_FRICTION_AND_GAP, Effects(filter_time=0.004), {"sensor.bandwidth": 250.0}, 1e-7),
 }
-EACH = pytest.mark.parametrize("name", CASES)
+EACH_CASE = pytest.mark.parametrize("name", CASES)
 
 
 def runs_of(name, free=()):
@@ -55,7 +56,7 @@ def runs_of(name, free=()):
     return there, drive, plant, trace
 
 
-@EACH
+@EACH_CASE
 def test_against_the_independent_simulator(name):
     there, _, plant, trace = runs_of(name)
     out = plant.outputs(trace, np.zeros(plant.nx))
@@ -68,10 +69,10 @@ def test_against_the_independent_simulator(name):
 @pytest.mark.parametrize("power", [1.0, 1.5])
 def test_breakaway_friction_with_a_cusp_at_standstill(power):
     """Below a power of two the parabola through three values of the torque is no longer of fourth order there."""
-    machine = replace(RUBS, effects=Effects(stribeck=(3.0, 0.0), stribeck_speed=(0.5, 1.0),
+    machine = replace(WITH_FRICTION, effects=Effects(stribeck=(3.0, 0.0), stribeck_speed=(0.5, 1.0),
                                             stribeck_power=(power, 2.0)))
     torque = levels(machine, 3000, 3, share=0.4)
-    there, drive = simulate_fast(machine, torque, STEP), drive_of(RUBS)
+    there, drive = simulate_fast(machine, torque, STEP), drive_of(WITH_FRICTION)
     drive = replace(drive, values={**drive.values, "motor.stribeck": 3.0, "motor.stribeck_speed": 0.5,
                                    "motor.stribeck_power": power})
     plant = plant_of(drive, Layout((), ("motor_torque",), OUTPUTS, STEP, gradient=False))
@@ -79,7 +80,7 @@ def test_breakaway_friction_with_a_cusp_at_standstill(power):
     assert rms(out[:, 0] - there.speeds[:, 0]) < 1e-4
 
 
-@EACH
+@EACH_CASE
 def test_sensitivities_are_the_derivatives(name):
     """Against central differences, up to a share of the samples next to grazing events."""
     _, _, values, _ = CASES[name]
@@ -98,9 +99,9 @@ def test_sensitivities_are_the_derivatives(name):
         assert np.quantile(error, 0.99) < 1e-4 * np.abs(expected[:, 0]).max(), parameter
 
 
-@EACH
+@EACH_CASE
 def test_a_further_input_that_is_zero_changes_nothing(name):
-    """The step of one input is written out, that of several is not."""
+    """The step of one input is unrolled, that of several is not."""
     _, _, values, _ = CASES[name]
     free = (*values, "motor.inertia", "shaft.stiffness")
     _, drive, plant, trace = runs_of(name, free)
@@ -128,7 +129,7 @@ def test_one_body_under_drag_comes_to_speed_as_a_hyperbolic_tangent():
     np.testing.assert_allclose(jacobian[:, 0, 1], (slope * rate * t - speed) / (2.0 * drag), atol=1e-5)
 
 
-@EACH
+@EACH_CASE
 def test_the_filter_carries_a_covariance_like_the_sensitivities(name):
     """With a tiny start covariance and no noise, the variance is that of the linearised outputs."""
     _, _, plant, trace = runs_of(name)
@@ -149,7 +150,7 @@ def test_the_filter_carries_a_covariance_like_the_sensitivities(name):
 def test_a_law_without_effect_leaves_the_filter_as_it_is(name):
     """Gap, stick and slip under the observer: innovations and variances of the exact kernel."""
     machine, _, values, _ = CASES[name]
-    machine = replace(machine, coulomb=LOOSE.coulomb, half_gap=LOOSE.half_gap)
+    machine = replace(machine, coulomb=WITH_FRICTION_AND_GAP.coulomb, half_gap=WITH_FRICTION_AND_GAP.half_gap)
     drive, torque = drive_of(machine), levels(machine, 3000, 3, share=0.4)
     amplitudes = [n for n in values if not n.endswith(("_order", "_twist", ".viscous"))]
     neutral = {**values, "motor.viscous": 0.8, **dict.fromkeys(amplitudes, 0.0)}
@@ -170,7 +171,7 @@ def test_a_law_without_effect_leaves_the_filter_as_it_is(name):
 
 @pytest.mark.parametrize("name", ["drag", "stribeck", "filter"])
 def test_a_dead_time_of_nothing_beside_a_law_has_sensitivities(name):
-    """A fit comes to rest there: the sample must not have a part without length."""
+    """A fit may converge there: the sample must not have a part of zero length."""
     _, drive, plain, trace = runs_of(name)
     free = ("motor.inertia", "converter.dead_time")
     late = replace(drive, values={**drive.values, "converter.dead_time": 0.0})

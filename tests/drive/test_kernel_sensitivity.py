@@ -6,11 +6,11 @@ import numpy as np
 import pytest
 
 from drivetool.drive.assemble import Assembly, Layout
-from drivetool.drive.simulation.simulate import Gains, Trace
+from drivetool.drive.simulation.simulate import ObserverGains, Trace
 from tests.drive.test_kernel import CHAIN, STEP, THREE, changed, drive_of, levels, plant_of, rms, start_of
 from tests.simulator.machine import Machine, State, machine_by_seed
 
-BAR = 1e-5
+ERROR_BOUND = 1e-5
 OUTPUTS = ("motor_speed", "load_speed", "shaft_torque", "motor_angle", "load_angle")
 RIG = Machine((0.6, 5.2), (0.8, 0.3), (), (0.0, 8.0), (3300.0,), (3.1,), (0.01,), rated_torque=200.0)
 RUBBING = changed(RIG, coulomb=(5.0, 4.0), viscous=(3.0, 1.0))
@@ -27,7 +27,7 @@ class Case:
     start: State | None = None
     outputs: tuple[str, ...] = OUTPUTS
     memory: float | None = None
-    gains: Gains | None = None
+    gains: ObserverGains | None = None
 
     def names(self):
         """Every parameter with a value, unless the case says otherwise."""
@@ -82,7 +82,7 @@ def state_names(case):
     return Assembly(drive_of(case.machine), layout).states
 
 
-def worst(case):
+def largest_error(case):
     """Largest relative error over columns and outputs; best of three step sizes."""
     plant = case.plant()
     _, jac = plant.jacobian(case.trace(), case.begin(plant), case.gains)
@@ -127,7 +127,7 @@ CASES = {
 
 @pytest.mark.parametrize("name", CASES)
 def test_sensitivities(name):
-    assert worst(CASES[name]) < BAR
+    assert largest_error(CASES[name]) < ERROR_BOUND
 
 
 @pytest.mark.parametrize("coulomb", [(), (5.0, 4.0)], ids=["gap", "gap and friction"])
@@ -138,9 +138,9 @@ def test_sensitivities_under_an_observer(coulomb, outputs):
     rng = np.random.default_rng(7)
     n = 300
     gain = rng.uniform(-0.02, 0.02, (n, 2, 3)) * [1.0, 1.0, 1e-3]
-    gains = Gains(gain, rng.uniform(0.5, 2.0, (n, 2)))
+    gains = ObserverGains(gain, rng.uniform(0.5, 2.0, (n, 2)))
     case = Case(machine, levels(machine, n, 6), start=MOVING, outputs=outputs, gains=gains)
-    assert worst(case) < BAR
+    assert largest_error(case) < ERROR_BOUND
 
 
 def test_sensitivity_of_a_gap_of_zero():

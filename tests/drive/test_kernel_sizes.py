@@ -1,4 +1,4 @@
-"""Passes made for a number of states, and of smooth laws, give what the general one gives."""
+"""Passes compiled for a number of states and of smooth laws give the same as the general one."""
 
 from dataclasses import replace
 
@@ -10,7 +10,7 @@ from drivetool.drive.chain import one_body
 from drivetool.drive.compile.machine_code import address
 from drivetool.drive.simulation import simulate
 from drivetool.drive.simulation.augment import plant_of as law_plant_of
-from drivetool.drive.simulation.simulate import Gains, Trace
+from drivetool.drive.simulation.simulate import ObserverGains, Trace
 from tests.drive.test_kernel import STEP, THREE, changed, drive_of, levels, plant_of
 from tests.drive.test_kernel_filter import RIG
 
@@ -44,10 +44,10 @@ def passes(case, free):
     y = rng.standard_normal((N, ny))
     y[rng.uniform(size=y.shape) < 0.1] = np.nan
     trace = Trace(levels(machine, N, 2)[:, None], y, STEP)
-    # A tenth of what each sensor says of the state.
+    # Gains of up to a tenth of each output.
     gain = rng.uniform(0.0, 0.1, (N, ny, nx)) * np.sign(plant.system.outputs[:, :, 0]) * [
         [1e-3 if "torque" in o else 1.0] for o in outputs]
-    return plant, trace, rng.standard_normal(nx) * 1e-2, Gains(gain, rng.uniform(0.5, 2.0, (N, ny)))
+    return plant, trace, rng.standard_normal(nx) * 1e-2, ObserverGains(gain, rng.uniform(0.5, 2.0, (N, ny)))
 
 
 @pytest.fixture(params=["free run", "observer"])
@@ -56,7 +56,7 @@ def observed(request):
 
 
 def general(monkeypatch, plant):
-    """The same plant, for which from now on the pass for any number of states is taken."""
+    """The same plant, which from now on uses the pass for any number of states."""
     assert plant.nx in simulate.MADE_FOR
     monkeypatch.setattr(simulate, "MADE_FOR", ())
     return replace(plant)
@@ -93,9 +93,9 @@ def test_sensitivities(case, observed, monkeypatch):
 @pytest.mark.parametrize("case", CASES)
 def test_kalman_pass(case, monkeypatch):
     plant, trace, start, _ = passes(case, ())
-    # Where bodies stick and break loose in noise, a rounding error grows: to 1e-7 in 1500 samples.
+    # Where bodies stick and are released by noise, a rounding error grows: to 1e-7 in 1500 samples.
     trace = replace(trace, inputs=trace.inputs[:1000], outputs=trace.outputs[:1000])
-    sensor = np.where([name < 0 for name in plant.system.picks], 100.0, 1e-2)
+    sensor = np.where([name < 0 for name in plant.system.output_state], 100.0, 1e-2)
     arguments = trace, start, sensor, 4.0, np.full(plant.system.nx, 1e-9)
     fast, slow = plant.filter(*arguments), general(monkeypatch, plant).filter(*arguments)
     for name in ("innovations", "variance", "states"):
@@ -108,7 +108,7 @@ DRAG = {"motor.drag": 0.02}
 RIPPLE = {"motor.ripple_sine": 3.0, "motor.ripple_cosine": 1.0, "motor.ripple_order": 6.5}
 BREAKAWAY = {"motor.stribeck": 3.0, "motor.stribeck_speed": 0.5}
 HARDENING = {"shaft.hardening": 1.0, "shaft.hardening_twist": 0.02}
-# drive, sensors, laws, torque noise that remembers
+# drive, sensors, laws, AR(1) pole of the torque noise
 LAWS = {
     "one body": (ONE, ("motor_speed",), DRAG, None),
     "one body, angle and memory": (ONE, ("motor_angle",), DRAG | RIPPLE | BREAKAWAY, 0.97),
@@ -118,8 +118,8 @@ LAWS = {
     "three, memory": (drive_of(THREE), ("motor_speed",), DRAG, 0.97)}
 
 
-def by_any(plant):
-    """The same plant, whose laws are from now on stepped over by what serves any number of states and laws."""
+def with_general_laws(plant):
+    """The same plant, whose laws from now on use the units for any number of states and laws."""
     units = {unit: address(f"law_{unit}") for unit in ("motion", "columns", "transition")}
     assert all(getattr(plant.laws, unit) != place for unit, place in units.items())
     return replace(plant, laws=plant.laws._replace(spread=address("spread"), join=address("join"), **units))
@@ -132,7 +132,7 @@ def test_any_number_of_free_parameters(count):
     free = ("motor.inertia", "motor.viscous", "motor.coulomb", *DRAG, *RIPPLE, *BREAKAWAY)[:count]
     layout = Layout(free, ("motor_torque",), ("motor_angle",), STEP, gradient=True)
     plant, trace = law_plant_of(drive, layout), Trace(levels(RIG, N, 2)[:, None], np.zeros((N, 1)), STEP)
-    (_, jac), (_, wanted) = (each.jacobian(trace, np.zeros(plant.nx)) for each in (plant, by_any(plant)))
+    (_, jac), (_, wanted) = (each.jacobian(trace, np.zeros(plant.nx)) for each in (plant, with_general_laws(plant)))
     for q in range(jac.shape[2]):
         close(jac[:, :, q], wanted[:, :, q])
 
@@ -147,12 +147,12 @@ def test_smooth_laws(case, observed):
     def plants(free):
         layout = Layout(free, ("motor_torque",), outputs, STEP, gradient=bool(free), memory=memory)
         fast = law_plant_of(drive.with_values(values), layout)
-        return fast, by_any(fast)
+        return fast, with_general_laws(fast)
 
     fast, slow = plants(free)
     start = rng.standard_normal(fast.nx) * 1e-2
     shape = N, len(outputs), fast.system.nx
-    gains = Gains(rng.uniform(0.0, 0.1, shape) * np.sign(fast.system.outputs[:, :, 0]),
+    gains = ObserverGains(rng.uniform(0.0, 0.1, shape) * np.sign(fast.system.outputs[:, :, 0]),
                   rng.uniform(0.5, 2.0, shape[:2])) if observed else None
     (out, jac), (wanted, wanted_jac) = (plant.jacobian(trace, start, gains) for plant in (fast, slow))
     close(out, wanted)
@@ -160,7 +160,7 @@ def test_smooth_laws(case, observed):
         close(jac[:, :, q], wanted_jac[:, :, q])
     assert np.abs(jac[:, :, :len(free)]).max(axis=(0, 1)).min() > 0.0
     if not observed:
-        sensor = np.where([name < 0 for name in fast.system.picks], 100.0, 1e-2)
+        sensor = np.where([name < 0 for name in fast.system.output_state], 100.0, 1e-2)
         found, right = (plant.filter(trace, start, sensor, 4.0, np.full(plant.nx, 1e-9)) for plant in plants(()))
         for name in ("innovations", "variance", "states"):
             close(getattr(found, name), getattr(right, name))

@@ -8,7 +8,7 @@ import pytest
 from drivetool.drive.assemble import Layout
 from drivetool.drive.chain import one_body, two_mass
 from drivetool.drive.simulation.augment import plant_of
-from drivetool.drive.simulation.simulate import CHUNK, Trace
+from drivetool.drive.simulation.simulate import CHUNK_SAMPLES, Trace
 
 STEP, N = 1e-3, 1500
 FACTOR = 0.7
@@ -68,7 +68,7 @@ def test_sensitivities_are_those_of_central_differences(drive, name):
 
 @pytest.mark.parametrize("observed", [False, True])
 def test_chunks_together_are_the_whole(observed):
-    n = CHUNK + 57
+    n = CHUNK_SAMPLES + 57
     t = np.arange(n) * STEP
     outputs = np.sin(7.0 * t)[:, None]
     outputs[100:200] = np.nan
@@ -77,7 +77,7 @@ def test_chunks_together_are_the_whole(observed):
     gains = plant.filter(long, start, np.array([1e-4]), 1e-2, np.zeros(1)).gains if observed else None
     _, whole = plant.jacobian(long, start, gains)
     chunks = [(part, rows.copy()) for part, rows in plant.sensitivities(long, start, gains)]
-    assert [part for part, _ in chunks] == [slice(0, CHUNK), slice(CHUNK, n)]
+    assert [part for part, _ in chunks] == [slice(0, CHUNK_SAMPLES), slice(CHUNK_SAMPLES, n)]
     np.testing.assert_array_equal(np.concatenate([rows for _, rows in chunks]), whole)
     flat = whole.reshape(n, -1)
     np.testing.assert_allclose(plant.normal_equations(long, start, gains), flat.T @ flat, rtol=1e-10)

@@ -1,4 +1,4 @@
-"""The contract of the smooth laws: every name of the table reaches its own law."""
+"""The contract of the smooth laws: every name of the table calls its own law."""
 
 import importlib
 import pkgutil
@@ -10,7 +10,7 @@ import pytest
 from numba import njit
 
 from drivetool.drive import chain, effects
-from drivetool.drive.arrays.system import PARAMETERS
+from drivetool.drive.arrays.system import MAX_LAW_PARAMETERS
 from drivetool.drive.compile.machine_code import address
 from drivetool.drive.effects import drag
 from drivetool.drive.effects.catalogue import LAW_TORQUES
@@ -27,8 +27,8 @@ def _called(place, code, a, b, time, side, p, out):
 
 
 def result(torque):
-    """(3 + PARAMETERS,) what a law gives; torque: its function, or a number that the kernel knows."""
-    parameters, out = np.array([[0.7], [1.3], [2.0], [0.4]]), np.zeros(3 + PARAMETERS)
+    """(3 + PARAMETERS,) result of a law; torque: its function, or its number in the kernel."""
+    parameters, out = np.array([[0.7], [1.3], [2.0], [0.4]]), np.zeros(3 + MAX_LAW_PARAMETERS)
     if callable(torque):
         torque(*POINT, parameters, out)
     else:

@@ -11,14 +11,14 @@ from tests.drive.test_kernel import CHAIN, changed, drive_of, plant_of
 from tests.simulator.linear import equations
 
 
-def two(jm, jl, ks, cs=0.0, cm=0.0, cl=0.0, ratio=1.0):
+def two_mass_drive(jm, jl, ks, cs=0.0, cm=0.0, cl=0.0, ratio=1.0):
     """A two-mass drive."""
     return two_mass().with_values({
         "motor.inertia": jm, "load.inertia": jl, "shaft.stiffness": ks, "shaft.damping": cs,
         "motor.viscous": cm, "load.viscous": cl, "shaft.ratio": ratio})
 
 
-def of(kind, drive):
+def modes_of(kind, drive):
     """The modes of a kind."""
     return [m for m in resonances(drive) if m.kind == kind]
 
@@ -26,7 +26,7 @@ def of(kind, drive):
 @pytest.mark.parametrize("jm, jl, ks, cs", [
     (0.6, 5.2, 3300.0, 3.1), (4.8, 0.65, 3770.0, 0.0), (1.0, 1.0, 1e4, 40.0)])
 def test_two_masses_in_closed_form(jm, jl, ks, cs):
-    low, high = resonances(two(jm, jl, ks, cs))
+    low, high = resonances(two_mass_drive(jm, jl, ks, cs))
     assert (low.kind, high.kind) == ("anti-resonance", "resonance")
     assert low.frequency_hz == pytest.approx(np.sqrt(ks / jl) / (2.0 * np.pi), rel=1e-12)
     assert high.frequency_hz == pytest.approx(np.sqrt(ks * (jm + jl) / (jm * jl)) / (2.0 * np.pi), rel=1e-12)
@@ -35,7 +35,7 @@ def test_two_masses_in_closed_form(jm, jl, ks, cs):
 
 
 def test_more_damping_than_critical_does_not_ring():
-    low, high = resonances(two(1.0, 1.0, 1e4, 400.0))
+    low, high = resonances(two_mass_drive(1.0, 1.0, 1e4, 400.0))
     assert high.damped_hz == 0.0 and high.damping_ratio == pytest.approx(4.0 / np.sqrt(2.0))
     assert low.damped_hz == 0.0 and low.damping_ratio == pytest.approx(2.0)
 
@@ -44,16 +44,16 @@ def test_more_damping_than_critical_does_not_ring():
 
 
 def test_thesis_rig_grey_box():
-    (high,) = of("resonance", two(0.587, 5.179, 3310.0, 3.115, 0.000176, 0.0017))
+    (high,) = modes_of("resonance", two_mass_drive(0.587, 5.179, 3310.0, 3.115, 0.000176, 0.0017))
     assert high.frequency_hz == pytest.approx(12.60, abs=0.011)
-    (high,) = of("resonance", two(0.601, 5.554, 3445.0, 3.324))
+    (high,) = modes_of("resonance", two_mass_drive(0.601, 5.554, 3445.0, 3.324))
     assert high.frequency_hz == pytest.approx(12.68, abs=0.011)
 
 
 @pytest.mark.parametrize("jl, ks, cs", [
     (5.0, 56000.0, 56.0), (20.0, 140000.0, 140.0), (80.0, 224000.0, 224.0)])
 def test_table_3_1(jl, ks, cs):
-    (high,) = of("resonance", two(20.0, jl, ks, cs, 0.006, jl * 0.0003))
+    (high,) = modes_of("resonance", two_mass_drive(20.0, jl, ks, cs, 0.006, jl * 0.0003))
     assert high.frequency_hz == pytest.approx(18.8, abs=0.05)
     assert high.damping_ratio == pytest.approx(0.0592, abs=5e-5)
 
@@ -62,7 +62,7 @@ def test_table_3_1(jl, ks, cs):
     (4.94, 0.655, 3780.0, 12.9), (4.78, 0.646, 3770.0, 13.0), (2.14, 4.17, 9560.0, 13.1),
     (0.710, 4.87, 4130.0, 13.0), (0.566, 5.01, 3500.0, 13.2)])
 def test_table_6_2(jm, jl, ks, hertz):
-    assert of("resonance", two(jm, jl, ks))[0].frequency_hz == pytest.approx(hertz, abs=0.06)
+    assert modes_of("resonance", two_mass_drive(jm, jl, ks))[0].frequency_hz == pytest.approx(hertz, abs=0.06)
 
 
 def test_first_notch_of_the_robot_axis():
@@ -80,8 +80,8 @@ def test_first_notch_of_the_robot_axis():
 
 def test_bus_driveline():
     wheels = 22.1 + 11600.9 * 0.45**2
-    drive = two(3.65, wheels, 1479.9e3, 3600.0, ratio=8.79)
-    assert of("resonance", drive)[0].frequency_hz == pytest.approx(12.2, abs=0.05)
+    drive = two_mass_drive(3.65, wheels, 1479.9e3, 3600.0, ratio=8.79)
+    assert modes_of("resonance", drive)[0].frequency_hz == pytest.approx(12.2, abs=0.05)
 
 
 # State space and frequency response
@@ -111,7 +111,7 @@ def test_state_space_is_the_simulators(machine):
 
 
 def test_frequency_response_peaks_and_dips_where_the_modes_are():
-    drive = two(0.6, 5.2, 3300.0, 0.01)
+    drive = two_mass_drive(0.6, 5.2, 3300.0, 0.01)
     low, high = resonances(drive)
     grid = np.linspace(1.0, 20.0, 19001)
     size = np.abs(frequency_response(drive, grid)[:, 0, 0])
@@ -123,7 +123,7 @@ def test_frequency_response_peaks_and_dips_where_the_modes_are():
 
 def test_kernel_answers_a_sine_as_the_frequency_response_says():
     """Fine sampling, so that the held torque is nearly the sine; zero-order hold taken off."""
-    drive, hertz, step = two(0.6, 5.2, 3300.0, 30.0, 3.0, 2.0), 9.0, 1e-4
+    drive, hertz, step = two_mass_drive(0.6, 5.2, 3300.0, 30.0, 3.0, 2.0), 9.0, 1e-4
     time = np.arange(60000) * step
     plant = plant_of(drive, ["motor_speed"], step=step)
     sine = np.sin(2.0 * np.pi * hertz * time)[:, None]

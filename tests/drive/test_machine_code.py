@@ -1,4 +1,4 @@
-"""How the kernel's machine code is kept: whole, in the right place, and loaded without the compiler."""
+"""The kernel's machine code is stored intact, in the right place, and loaded without the compiler."""
 
 import importlib
 import os
@@ -17,8 +17,8 @@ from drivetool.drive.compile.code_folder import SOURCES
 from drivetool.errors import DriveToolError
 
 PARTS = sorted({part for group in machine_code.GROUPS for line in group for part in line})
-SMALL = "switch_late"  # a part of a group of its own
-ALONE = """
+SMALL_UNIT = "switch_late"  # a part of a group of its own
+SIMULATION_SCRIPT = """
 import sys
 import numpy as np
 from drivetool.drive.assemble import Layout
@@ -36,7 +36,7 @@ print(*sys.modules)
 
 def test_what_is_compiled_is_loaded_without_the_compiler():
     for _ in range(2):  # the first may compile, which it does elsewhere
-        done = subprocess.run([sys.executable, "-c", ALONE], capture_output=True, text=True, check=True)
+        done = subprocess.run([sys.executable, "-c", SIMULATION_SCRIPT], capture_output=True, text=True, check=True)
         assert "llvmlite" in done.stdout.split() and "numba" not in done.stdout.split()
 
 
@@ -58,7 +58,7 @@ def test_every_unit_is_a_part():
 
 @pytest.mark.slow
 def test_the_machine_code_of_a_part_is_always_the_same(monkeypatch, tmp_path, kept):
-    """Whatever stands in the current folder, or is set for Numba: neither reaches the compiler."""
+    """Neither files in the current folder nor Numba's settings reach the compiler."""
     here = tmp_path / "here"
     here.mkdir()
     (here / "numba.py").write_text("raise ImportError('not to be imported')")
@@ -66,10 +66,10 @@ def test_the_machine_code_of_a_part_is_always_the_same(monkeypatch, tmp_path, ke
     monkeypatch.chdir(here)
     for name in ("NUMBA_BOUNDSCHECK", "NUMBA_DISABLE_JIT", "NUMBA_OPT"):
         monkeypatch.setenv(name, "1")
-    before = machine_code.whole(SMALL)
-    (kept / f"{SMALL}.o").unlink()
-    machine_code.prepare([SMALL])
-    assert machine_code.whole(SMALL) == before
+    before = machine_code.intact_code(SMALL_UNIT)
+    (kept / f"{SMALL_UNIT}.o").unlink()
+    machine_code.prepare([SMALL_UNIT])
+    assert machine_code.intact_code(SMALL_UNIT) == before
     assert not list(kept.glob("*.part"))
 
 
@@ -78,7 +78,7 @@ def test_a_compiler_that_fails_is_an_error_in_a_sentence(monkeypatch, tmp_path):
     monkeypatch.syspath_prepend(str(tmp_path))
     (tmp_path / "numba.py").write_text("raise ImportError('a broken installation')")
     with pytest.raises(DriveToolError, match=r"a broken installation.*requirements") as error:
-        machine_code.prepare([SMALL])
+        machine_code.prepare([SMALL_UNIT])
     assert str(tmp_path) in error.value.wanted and not list(tmp_path.glob("*.o"))
 
 
@@ -90,11 +90,11 @@ def test_of_processes_that_start_together_one_compiles(monkeypatch, tmp_path):
     monkeypatch.setattr(subprocess, "run", lambda words, **_: started.append(words))
     with (tmp_path / "lock").open("w") as first:
         fcntl.flock(first, fcntl.LOCK_EX)
-        second = threading.Thread(target=machine_code.prepare, args=([SMALL],))
+        second = threading.Thread(target=machine_code.prepare, args=([SMALL_UNIT],))
         second.start()
         second.join(0.2)
         assert second.is_alive() and not started
-        machine_code.store(tmp_path, SMALL, b"code")
+        machine_code.store(tmp_path, SMALL_UNIT, b"code")
     second.join()
     assert not started
 
@@ -104,11 +104,11 @@ def test_of_processes_that_start_together_one_compiles(monkeypatch, tmp_path):
 @pytest.fixture
 def kept(monkeypatch, tmp_path):
     """A folder with the machine code of a small part, copied from where it is kept."""
-    machine_code.prepare([SMALL])
+    machine_code.prepare([SMALL_UNIT])
     copy = tmp_path / "code" / machine_code.folder().name
     copy.mkdir(parents=True, mode=0o700)
     copy.parent.chmod(0o700)
-    shutil.copy(machine_code.object_file(SMALL), copy)
+    shutil.copy(machine_code.object_file(SMALL_UNIT), copy)
     monkeypatch.setattr(machine_code, "folder", lambda: copy)
     monkeypatch.setenv("NUMBA_CACHE_DIR", str(copy.parent))
     return copy
@@ -116,18 +116,18 @@ def kept(monkeypatch, tmp_path):
 
 def changed(kept, what):
     """The bytes of another file, or None where there is none."""
-    whole = (kept / f"{SMALL}.o").read_bytes()
+    whole = (kept / f"{SMALL_UNIT}.o").read_bytes()
     flipped = bytearray(whole)
     flipped[len(whole) // 3] ^= 0x10
-    machine_code.store(kept, "show", machine_code.whole(SMALL).replace(SMALL.encode(), b"show"))
+    machine_code.store(kept, "show", machine_code.intact_code(SMALL_UNIT).replace(SMALL_UNIT.encode(), b"show"))
     return {"empty": b"", "short": whole[:10], "cut": whole[:len(whole) // 2], "cut by a byte": whole[:-1],
             "longer": whole + b"\0", "a bit": bytes(flipped), "no digest": whole[:-machine_code.DIGEST],
             "noise": random.Random(1).randbytes(len(whole)),
             "another part": (kept / "show.o").read_bytes()}.get(what)
 
 
-# Compiles by copying, and notes that it did: what is asked is when, not how.
-LOAD = """
+# Replaces the compiler by a copy and logs each call: the test is about when it compiles, not how.
+LOADER_SCRIPT = """
 import shutil, subprocess, sys, time
 from pathlib import Path
 import drivetool.drive.compile.machine_code as machine_code
@@ -154,10 +154,11 @@ def loaded(kept, processes):
     work = kept.parent
     (work / "log").touch()
     wait = 0.3 if processes > 1 else 0.0  # for the others to find the file damaged too
-    begun = [subprocess.Popen([sys.executable, "-c", LOAD, str(wait)], cwd=work, stdout=subprocess.PIPE, text=True,
-                              env={**os.environ, "PYTHONPATH": os.pathsep.join(sys.path)})
-             for _ in range(processes)]
-    assert [(p.communicate()[0], p.returncode) for p in begun] == [("True\n", 0)] * processes
+    running = [subprocess.Popen([sys.executable, "-c", LOADER_SCRIPT, str(wait)], cwd=work,
+                                stdout=subprocess.PIPE, text=True,
+                                env={**os.environ, "PYTHONPATH": os.pathsep.join(sys.path)})
+               for _ in range(processes)]
+    assert [(p.communicate()[0], p.returncode) for p in running] == [("True\n", 0)] * processes
     return (work / "log").read_text().split()
 
 
@@ -165,13 +166,13 @@ def loaded(kept, processes):
     ("empty", 3), *((what, 1) for what in ("short", "cut", "cut by a byte", "longer", "a bit", "no digest", "noise",
                                            "another part", "another version", "folder", "full folder", "loop"))])
 def test_a_damaged_file_is_compiled_anew_once(kept, what, processes):
-    file = kept / f"{SMALL}.o"
+    file = kept / f"{SMALL_UNIT}.o"
     content = changed(kept, what)
     shutil.copy(file, kept.parent / "good")
     if what == "another version":
         aside = kept.parent / "kernel-other"
         aside.mkdir()
-        machine_code.store(aside, SMALL, machine_code.whole(SMALL))
+        machine_code.store(aside, SMALL_UNIT, machine_code.intact_code(SMALL_UNIT))
         content = (aside / file.name).read_bytes()
     file.unlink()
     if content is not None:
@@ -182,8 +183,8 @@ def test_a_damaged_file_is_compiled_anew_once(kept, what, processes):
         file.mkdir()
         if what == "full folder":
             (file / "notes.txt").write_text("not ours")
-    assert loaded(kept, processes) == [f"events.{SMALL}"]
-    assert machine_code.whole(SMALL) is not None
+    assert loaded(kept, processes) == [f"events.{SMALL_UNIT}"]
+    assert machine_code.intact_code(SMALL_UNIT) is not None
     if what == "full folder":
         assert [f.read_text() for f in kept.rglob("notes.txt")] == ["not ours"]
 
@@ -197,28 +198,28 @@ def test_what_was_checked_is_what_is_loaded(monkeypatch, kept):
     reads, read = [], machine_code.read_regular
     monkeypatch.setattr(machine_code, "read_regular", lambda file: reads.append(file.name) or read(file))
     monkeypatch.setattr(machine_code, "_engine", lambda: Mock(get_function_address=lambda _: 1))
-    assert machine_code._loaded(SMALL) == 1 and reads == [f"{SMALL}.o"]
+    assert machine_code._load(SMALL_UNIT) == 1 and reads == [f"{SMALL_UNIT}.o"]
 
 
 def test_a_disk_that_damages_every_file_is_an_error_in_a_sentence(monkeypatch, kept):
-    (kept / f"{SMALL}.o").write_bytes(b"")
+    (kept / f"{SMALL_UNIT}.o").write_bytes(b"")
     monkeypatch.setattr(subprocess, "run", lambda words, **_: subprocess.CompletedProcess(words, 0))
     with pytest.raises(DriveToolError, match="damaged file as soon as it is written"):
-        machine_code._loaded(SMALL)
+        machine_code._load(SMALL_UNIT)
 
 
 # All parts at once
 
 @pytest.fixture
 def compiled(monkeypatch, tmp_path):
-    """The parts that are compiled, which takes no time here, and how many at once at most."""
+    """(compiled parts, numbers of compilers in parallel), with a compiler that takes no time."""
     monkeypatch.setattr(machine_code, "folder", lambda: tmp_path)
-    monkeypatch.setattr(machine_code, "AT_ONCE", 2)
-    parts, busy, most = [], [], []
+    monkeypatch.setattr(machine_code, "MAX_COMPILERS", 2)
+    parts, busy, peak = [], [], []
 
     def run(words, **_):
         busy.append(None)
-        most.append(len(busy))
+        peak.append(len(busy))
         for part in words[words.index(str(tmp_path)) + 1:]:
             parts.append(part)
             machine_code.store(tmp_path, part.partition(".")[2], part.encode())
@@ -227,7 +228,7 @@ def compiled(monkeypatch, tmp_path):
         return subprocess.CompletedProcess(words, 0)
 
     monkeypatch.setattr(subprocess, "run", run)
-    return parts, most
+    return parts, peak
 
 
 def test_all_parts_are_compiled_once_and_two_at_once(compiled):
@@ -260,7 +261,7 @@ def test_a_part_comes_with_its_group_alone(compiled):
 def test_a_folder_that_is_cleared_meanwhile_is_made_again(monkeypatch, compiled, tmp_path):
     cleared = tmp_path / "cleared" / "kernel-now"
     monkeypatch.setattr(machine_code, "folder", lambda: cleared)
-    monkeypatch.setattr(subprocess, "run", lambda words, **_: machine_code.store(cleared, SMALL, b"code")
+    monkeypatch.setattr(subprocess, "run", lambda words, **_: machine_code.store(cleared, SMALL_UNIT, b"code")
                         or subprocess.CompletedProcess(words, 0))
-    machine_code.prepare([SMALL])
-    assert machine_code.whole(SMALL) == b"code"
+    machine_code.prepare([SMALL_UNIT])
+    assert machine_code.intact_code(SMALL_UNIT) == b"code"

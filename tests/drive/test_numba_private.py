@@ -1,4 +1,4 @@
-"""What the kernel takes from inside Numba is still there, and is the same: nothing announces it if it is not."""
+"""Numba's internals that the kernel uses exist unchanged: Numba does not announce changes of them."""
 
 import ast
 import importlib
@@ -13,9 +13,9 @@ from drivetool.drive.compile import numba_private
 
 ROOT = Path(__file__).parents[2] / "drivetool"
 ADAPTER = Path(numba_private.__file__)
-# Name -> parameters, or None for what is no function.
+# Name -> parameters, or None if it is no function.
 USED = {
-    # patched: what is done for each function waits for the end
+    # patched: the work of each function is deferred to the end
     "numba.core.codegen:CPUCodeLibrary._optimize_final_module": "self",
     "numba.core.codegen:JITCodeLibrary._finalize_specific": "self",
     "numba.core.codegen:JITCodeLibrary.get_pointer_to_function": "self name",
@@ -61,8 +61,8 @@ USED = {
 }
 
 
-def departure(name: str, parameters: str | None) -> str:
-    """What the installed Numba has otherwise than the kernel counts on, as a sentence; empty if nothing."""
+def interface_change(name: str, parameters: str | None) -> str:
+    """How the installed Numba differs from what the kernel relies on, as a sentence; empty if it does not."""
     module, _, path = name.partition(":")
     do = f"Put it right in {ADAPTER.name}, or keep Numba below {numba.__version__} in pyproject.toml."
     try:
@@ -79,7 +79,7 @@ def departure(name: str, parameters: str | None) -> str:
 
 @pytest.mark.parametrize("name", USED)
 def test_numba_has_what_the_kernel_uses(name):
-    assert not departure(name, USED[name])
+    assert not interface_change(name, USED[name])
 
 
 @pytest.mark.parametrize("name, parameters, sentence", [
@@ -88,8 +88,8 @@ def test_numba_has_what_the_kernel_uses(name):
     ("numba.gone:anything", None, r"Numba \S+ has no numba.gone.anything"),
     ("numba.core.cgutils:unpack_tuple", "builder values",
      r"takes \(builder tup count\), where .* \(builder values\)")])
-def test_what_is_otherwise_is_told(name, parameters, sentence):
-    assert re.search(sentence, departure(name, parameters))
+def test_a_changed_interface_is_reported(name, parameters, sentence):
+    assert re.search(sentence, interface_change(name, parameters))
 
 
 def names_of(path):
@@ -110,7 +110,7 @@ def test_nobody_else_looks_inside_numba(path):
 
 
 def test_all_that_the_adapter_takes_is_named_here():
-    """But for the fields of an array, data and shape."""
+    """Except the fields of an array, data and shape."""
     _, attributes = names_of(ADAPTER)
     named = {part for name in USED for part in name.partition(":")[2].split(".")}
     taken = {attribute for owner, attribute in attributes

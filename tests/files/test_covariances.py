@@ -1,4 +1,4 @@
-"""What several parameter files know together."""
+"""The joint covariance of several parameter files."""
 
 import numpy as np
 import pytest
@@ -42,7 +42,7 @@ def test_a_value_that_a_later_file_carries_on_is_as_well_known_as_before(tmp_pat
     assert found.matrix == pytest.approx(np.array(STEADY[1][1]))
 
 
-def test_a_file_by_hand_tells_its_standard_deviations_apart(tmp_path):
+def test_standard_deviations_of_a_file_by_hand_are_uncorrelated(tmp_path):
     """20 g m^2 of a data sheet are 0.02 kg m^2; a value without a deviation counts as known."""
     sheet = ({"motor.inertia": entry(2000.0, "g m^2", std=20.0), "load.inertia": entry(3.0, "kg m^2")}, None)
     found = written(tmp_path, STEADY, sheet)
@@ -57,7 +57,7 @@ def test_a_value_that_a_later_file_changes_has_no_covariance_of_before(tmp_path)
     assert found.names == ("motor.viscous",) and found.matrix == pytest.approx(np.array([[1e-4]]))
 
 
-def test_what_a_later_file_told_itself_has_its_covariance(tmp_path):
+def test_values_of_a_later_file_have_its_covariance(tmp_path):
     later = ({"motor.viscous": entry(0.12, "Nm s/rad", std=0.03)}, (["motor.viscous"], [[9e-4]]))
     found = written(tmp_path, STEADY, later)
     found = found.covariance(found.drive())

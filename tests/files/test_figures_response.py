@@ -1,13 +1,13 @@
-"""Pictures of responses: nothing is drawn where no line was excited, and records can be told apart."""
+"""Pictures of responses: nothing is drawn where no line was excited, and records are distinguishable."""
 
 import numpy as np
 
-from drivetool.files.figures.exhibits import figure
-from drivetool.identify.estimate import Exhibit
+from drivetool.files.figures.plot_kinds import figure
+from drivetool.identify.estimate import PlotData
 
 
 def drawn(kind, curves):
-    return figure(Exhibit(kind, "a title " * 15, "frequency [Hz]", "magnitude [rad/s/Nm]", curves)).axes
+    return figure(PlotData(kind, "a title " * 15, "frequency [Hz]", "magnitude [rad/s/Nm]", curves)).axes
 
 
 def test_no_line_is_drawn_across_empty_lines():

@@ -13,10 +13,10 @@ from drivetool.errors import BadParameters
 from drivetool.files.yaml import units
 from drivetool.files.yaml.channel_map_file import load_channel_map
 from drivetool.files.yaml.parameter_file import load_parameters
-from drivetool.files.yaml.text import from_yaml, number_text, plain, to_json, to_yaml
+from drivetool.files.yaml.text import from_yaml, number_text, to_json, to_plain, to_yaml
 
 HEAD = "schema: drivetool/parameters/1\n"
-AT = HEAD + "parameters: "
+PREFIX = HEAD + "parameters: "
 
 # text, words that the one sentence must have
 BAD = {
@@ -36,24 +36,25 @@ BAD = {
     "validation": ("schema: drivetool/validation/1\n", "not the file that validate wrote"),
     "typo in key": (HEAD + "parmeters: {}\n", "Did you mean 'parameters'?"),
     "number as key": (HEAD + "1: 2\n", "'1'"),
-    "typo in name": (AT + "{motor.inertai: 1}", "Did you mean 'motor.inertia'?"),
-    "typo in field": (AT + "{motor.inertia: {vaule: 1}}", "parameters.motor.inertia Did you mean 'value'?"),
-    "no value": (AT + "{motor.inertia: {unit: kg m^2}}", "value"),
-    "null": (AT + "{motor.inertia: }", "a number found nothing"),
-    "boolean": (AT + "{motor.inertia: true}", "a number 'True'"),
-    "decimal comma": (AT + "{motor.inertia: {value: '0,4'}}", "motor.inertia.value text '0,4' number"),
-    "text as number": (AT + "{motor.inertia: heavy}", "text 'heavy'"),
-    "short interval": (AT + "{motor.inertia: {value: 1, ci95: [1]}}", "list of 2 ci95"),
-    "status": (AT + "{motor.inertia: {value: 1, status: fited}}", "one of fitted, held 'fited'"),
-    "negative": (AT + "{motor.inertia: -1}", "between 1e-12 and 1e+12 kg m^2 -1 in"),
-    "negative std": (AT + "{motor.inertia: {value: 1, std: -1}}", "a number of at least 0 motor.inertia.std '-1'"),
+    "typo in name": (PREFIX + "{motor.inertai: 1}", "Did you mean 'motor.inertia'?"),
+    "typo in field": (PREFIX + "{motor.inertia: {vaule: 1}}", "parameters.motor.inertia Did you mean 'value'?"),
+    "no value": (PREFIX + "{motor.inertia: {unit: kg m^2}}", "value"),
+    "null": (PREFIX + "{motor.inertia: }", "a number found nothing"),
+    "boolean": (PREFIX + "{motor.inertia: true}", "a number 'True'"),
+    "decimal comma": (PREFIX + "{motor.inertia: {value: '0,4'}}", "motor.inertia.value text '0,4' number"),
+    "text as number": (PREFIX + "{motor.inertia: heavy}", "text 'heavy'"),
+    "short interval": (PREFIX + "{motor.inertia: {value: 1, ci95: [1]}}", "list of 2 ci95"),
+    "status": (PREFIX + "{motor.inertia: {value: 1, status: fited}}", "one of fitted, held 'fited'"),
+    "negative": (PREFIX + "{motor.inertia: -1}", "between 1e-12 and 1e+12 kg m^2 -1 in"),
+    "negative std": (PREFIX + "{motor.inertia: {value: 1, std: -1}}",
+                     "a number of at least 0 motor.inertia.std '-1'"),
     "gains": ("schema: drivetool/gains/1\n", "drivetool/parameters/1 goes to --gains"),
-    "nan": (AT + "{motor.inertia: .nan}", "between nan"),
-    "total and part": (AT + "{total.viscous: 1, load.viscous: 1}", "either total.viscous Delete"),
-    "infinite": (AT + "{motor.inertia: .inf}", "between inf"),
-    "wrong unit": (AT + "{motor.inertia: {value: 1, unit: Nm}}", "motor.inertia in kg m^2 unit 'Nm'"),
-    "unknown unit": (AT + "{motor.inertia: {value: 1, unit: furlong}}", "unit 'furlong'"),
-    "parameters as list": (AT + "[1]", "a mapping at parameters a list of 1"),
+    "nan": (PREFIX + "{motor.inertia: .nan}", "between nan"),
+    "total and part": (PREFIX + "{total.viscous: 1, load.viscous: 1}", "either total.viscous Delete"),
+    "infinite": (PREFIX + "{motor.inertia: .inf}", "between inf"),
+    "wrong unit": (PREFIX + "{motor.inertia: {value: 1, unit: Nm}}", "motor.inertia in kg m^2 unit 'Nm'"),
+    "unknown unit": (PREFIX + "{motor.inertia: {value: 1, unit: furlong}}", "unit 'furlong'"),
+    "parameters as list": (PREFIX + "[1]", "a mapping at parameters a list of 1"),
     "drive as text": (HEAD + "drive: two-mass\n", "a mapping at drive text 'two-mass'"),
     "drive name": (HEAD + "drive: {name: tow-mass}\n", "'tow-mass' two-mass"),
     "bodies": (HEAD + "drive: {bodies: [a, b], shafts: []}\n", "one shaft fewer than bodies"),
@@ -71,7 +72,7 @@ BAD = {
 
 def test_stds_and_starts_come_in_the_units_of_the_drive(tmp_path):
     path = tmp_path / "fitted.yaml"
-    path.write_text(AT + "{shaft.stiffness: {value: 2, unit: kNm/rad, std: 0.1, start: 3}, load.inertia: 4, "
+    path.write_text(PREFIX + "{shaft.stiffness: {value: 2, unit: kNm/rad, std: 0.1, start: 3}, load.inertia: 4, "
                     "motor.inertia: {value: 1, unit: kg m^2, std: 0, start: 0}}")
     loaded = load_parameters([path])
     assert loaded.stds(two_mass()) == {"shaft.stiffness": 100.0}
@@ -114,8 +115,8 @@ def test_a_file_written_by_hand(tmp_path):
 
 def test_later_files_win_and_totals_displace_parts(tmp_path):
     first, second = tmp_path / "a.yaml", tmp_path / "b.yaml"
-    first.write_text(AT + "{motor.inertia: 1, total.viscous: 0.2}\nnoise: {torque_std: 2}")
-    second.write_text(AT + "{motor.inertia: 2, motor.viscous: 0.1, load.viscous: 0.1}")
+    first.write_text(PREFIX + "{motor.inertia: 1, total.viscous: 0.2}\nnoise: {torque_std: 2}")
+    second.write_text(PREFIX + "{motor.inertia: 2, motor.viscous: 0.1, load.viscous: 0.1}")
     loaded = load_parameters([first, second])
     assert loaded.drive().values == {"motor.inertia": 2, "motor.viscous": 0.1, "load.viscous": 0.1}
     assert loaded.noise == {"torque_std": 2}
@@ -128,7 +129,7 @@ def test_own_bodies_and_default_structure(tmp_path):
     path.write_text(HEAD + "drive: {bodies: [motor, gear, arm, tool]}\nparameters: {arm.inertia: 3}")
     drive = load_parameters([path]).drive()
     assert drive.shafts == ("shaft", "shaft2", "shaft3") and drive.values == {"arm.inertia": 3}
-    path.write_text(AT + "{motor.inertia: 3}")
+    path.write_text(PREFIX + "{motor.inertia: 3}")
     assert load_parameters([path]).drive(one_body("N", "m")) == one_body("N", "m").with_values(
         {"motor.inertia": 3})
     assert load_parameters([]).drive(one_body()) == one_body()
@@ -153,9 +154,9 @@ def test_own_bodies_and_default_structure(tmp_path):
 def test_units(written, wanted, expected):
     if expected is None:
         with pytest.raises(BadParameters):
-            units.factor(written, wanted, "x")
+            units.conversion_factor(written, wanted, "x")
     else:
-        assert units.factor(written, wanted, "x") == pytest.approx(expected, rel=1e-14)
+        assert units.conversion_factor(written, wanted, "x") == pytest.approx(expected, rel=1e-14)
 
 
 @pytest.mark.parametrize("written, found", [
@@ -196,8 +197,8 @@ def test_numbers_have_ten_digits_and_stay_numbers(value):
                     lambda inner: st.lists(inner) | st.dictionaries(st.text(), inner)))
 def test_any_plain_value_survives(value):
     text = to_yaml({"x": value}).encode("utf-8")
-    assert from_yaml(text, "x") == {"x": plain(value)}
-    assert json.loads(to_json({"x": value}).encode("utf-8")) == {"x": plain(value)}
+    assert from_yaml(text, "x") == {"x": to_plain(value)}
+    assert json.loads(to_json({"x": value}).encode("utf-8")) == {"x": to_plain(value)}
 
 
 @pytest.mark.parametrize("name, written", [
@@ -218,7 +219,7 @@ def test_text_is_written_as_it_is_unless_it_cannot_be_seen(name, written):
 def test_no_sets_and_no_objects_in_files():
     for value in ({1, 2}, object()):
         with pytest.raises(TypeError, match="no place in a file"):
-            plain({"x": value})
+            to_plain({"x": value})
 
 
 def test_channel_map(tmp_path):

@@ -22,7 +22,7 @@ from drivetool.files.results.result_file import dump, dump_estimate, dump_valida
 from drivetool.files.shapes import schema
 from drivetool.files.tables import result_tables as tables
 from drivetool.files.yaml.parameter_file import load_parameters, load_result
-from drivetool.identify.estimate import Covariance, Estimate, Exhibit, Parameter
+from drivetool.identify.estimate import Covariance, Estimate, Parameter, PlotData
 from tests.places import SCHEMAS
 
 DRIVE = two_mass().with_values({
@@ -41,7 +41,7 @@ ESTIMATE = Estimate(
     Covariance(("motor.inertia", "load.inertia", "shaft.damping"),
                np.array([[1.44e-6, 2e-7, 0], [2e-7, 5.29e-4, 0], [0, 0, np.nan]])),
     {"motor_speed_std": 0.02}, {"poles_hz": [[-1.0, 12.6], [-1.0, -12.6]]},
-    (Finding("warning", "torque-is-measured", "Torque noise is coloured [sic].", {"p": 1e-9, "lags": 20},
+    (Finding("warning", "torque-source", "Torque noise is coloured [sic].", {"p": 1e-9, "lags": 20},
              "Diagnose."),),
     (("steps.parquet", "ab" * 32),), {"seed": 1, "hold": ("shaft.half_gap",)})
 CHECK = RecordCheck("greybox.yaml", "gap.parquet", "motor_speed", "rad/s", 93.12, None, 0.0123, 0.001, 0.99,
@@ -147,7 +147,7 @@ def test_parameter_table_fits_80_columns():
 
 def test_findings_are_listed_with_what_to_do():
     text = show(lambda file, console: tables.print_findings(file.findings, console), estimate_file(ESTIMATE))
-    assert text == "warning torque-is-measured: Torque noise is coloured [sic]. Diagnose.\n"
+    assert text == "warning torque-source: Torque noise is coloured [sic]. Diagnose.\n"
 
 
 def test_validation_table_and_cross_table():
@@ -216,7 +216,7 @@ def test_missing_folders_are_made_with_the_file_and_stay_away_without_it(tmp_pat
     there, target = tmp_path / "there", tmp_path / "there" / "new" / "one" / "x.yaml"
     there.mkdir()
     write.check_target(target)
-    assert not list(there.iterdir())  # asking makes nothing
+    assert not list(there.iterdir())  # the check creates nothing
     monkeypatch.setattr(os, "replace", lambda *_: (_ for _ in ()).throw(OSError(28, "No space left on device")))
     with pytest.raises(CannotWrite, match="No space left"):
         write.write_whole(target, "new")
@@ -247,9 +247,9 @@ def test_what_a_link_points_to_is_written_and_a_pipe_is_fed(tmp_path):
         assert Path("/dev/null").is_char_device()
 
 
-def test_a_doubted_structure_marks_what_its_intervals_depend_on():
-    doubt = Finding("warning", "innovations-correlated", "Still correlated.")
-    file = estimate_file(replace(ESTIMATE, findings=(doubt,)))
+def test_a_suspect_structure_marks_the_intervals():
+    finding = Finding("warning", "innovations-correlated", "Still correlated.")
+    file = estimate_file(replace(ESTIMATE, findings=(finding,)))
     reasons = {name: entry.reason for name, entry in file.parameters.items()}
     stated = {p.name for p in ESTIMATE.parameters if p.std is not None}
     assert {n for n, r in reasons.items() if "nothing is missing" in r} == stated
@@ -259,21 +259,21 @@ def test_a_doubted_structure_marks_what_its_intervals_depend_on():
 
 TIME = np.arange(6000) * 1e-3
 SPEED = np.sin(TIME)
-FEW = np.linspace(1.0, 3.0, 5)
+FIVE = np.linspace(1.0, 3.0, 5)
 EXHIBITS = [
-    Exhibit("record", "Fit", "time [s]", "motor speed [rad/s]", {
+    PlotData("record", "Fit", "time [s]", "motor speed [rad/s]", {
         "measured": (TIME, np.where(TIME > 5, np.nan, SPEED)), "simulated": (TIME, SPEED + 0.1),
         "residual": (TIME, SPEED * 0), "torque [Nm]": (TIME, SPEED)}),
-    Exhibit("record", "Fit", "time [s]", "motor speed [rad/s]", {"measured": (TIME, SPEED)}),
-    Exhibit("steady", "Friction", "speed [rad/s]", "torque [Nm]", {
-        "plateaus": (FEW, FEW), "std": (FEW, FEW / 9), "line": (FEW, FEW)}),
-    Exhibit("correlation", "Residual", "lag", "", {
-        "correlation": (FEW, FEW), "band": (FEW, FEW), "limit": (FEW, FEW)}),
-    Exhibit("profile", "Gap", "half gap [rad]", "loss", {"profile": (FEW, FEW), "95 % level": (FEW, FEW)}),
-    Exhibit("starts", "Starts", "start", "loss", {"loss": (FEW, FEW)}),
-    Exhibit("bode", "Response", "Hz", "", {"measured": (FEW - 1, FEW), "model": (FEW, FEW)}),
-    Exhibit("something-new", "New", "x", "y", {str(i): (FEW, FEW) for i in range(9)}),
-    Exhibit("record", "Empty", "x", "y", {}),
+    PlotData("record", "Fit", "time [s]", "motor speed [rad/s]", {"measured": (TIME, SPEED)}),
+    PlotData("steady", "Friction", "speed [rad/s]", "torque [Nm]", {
+        "plateaus": (FIVE, FIVE), "std": (FIVE, FIVE / 9), "line": (FIVE, FIVE)}),
+    PlotData("correlation", "Residual", "lag", "", {
+        "correlation": (FIVE, FIVE), "band": (FIVE, FIVE), "limit": (FIVE, FIVE)}),
+    PlotData("profile", "Gap", "half gap [rad]", "loss", {"profile": (FIVE, FIVE), "95 % level": (FIVE, FIVE)}),
+    PlotData("starts", "Starts", "start", "loss", {"loss": (FIVE, FIVE)}),
+    PlotData("bode", "Response", "Hz", "", {"measured": (FIVE - 1, FIVE), "model": (FIVE, FIVE)}),
+    PlotData("something-new", "New", "x", "y", {str(i): (FIVE, FIVE) for i in range(9)}),
+    PlotData("record", "Empty", "x", "y", {}),
 ]
 
 
@@ -289,17 +289,17 @@ def test_every_kind_is_drawn_with_the_same_bytes(tmp_path):
 
 def test_a_letter_that_the_font_lacks_is_no_warning():
     """Warnings are errors here; report_figures draws the same way."""
-    plain, foreign = (plots.png(Exhibit("record", title, "time [s]", "", {"measured": (TIME, SPEED)}))
+    plain, foreign = (plots.png(PlotData("record", title, "time [s]", "", {"measured": (TIME, SPEED)}))
                       for title in ("record", "試験"))
     assert foreign.startswith(b"\x89PNG") and foreign != plain
 
 
 def test_names_follow_the_records(tmp_path):
-    assert plots.file_names(EXHIBITS[:2], "steady", ["a.parquet", "b.mcap"]) == [
+    assert plots.picture_names(EXHIBITS[:2], "steady", ["a.parquet", "b.mcap"]) == [
         "steady-a-record.png", "steady-b-record.png"]
-    assert plots.file_names(EXHIBITS[:2], "steady", ["a.parquet", "a.mcap"])[0] == "steady-1-record.png"
-    rounds = [Exhibit("diagnosis-candidates", "Causes", "x", "y", {})] * 2  # as many as records, but not theirs
-    assert plots.file_names(rounds, "diagnose", ["a.parquet", "b.mcap"]) == [
+    assert plots.picture_names(EXHIBITS[:2], "steady", ["a.parquet", "a.mcap"])[0] == "steady-1-record.png"
+    rounds = [PlotData("diagnosis-candidates", "Causes", "x", "y", {})] * 2  # as many as records, but not theirs
+    assert plots.picture_names(rounds, "diagnose", ["a.parquet", "b.mcap"]) == [
         "diagnose-round-1-diagnosis-candidates.png", "diagnose-round-2-diagnosis-candidates.png"]
     (tmp_path / "file").touch()
     with pytest.raises(BadOption, match="another folder"):
@@ -325,7 +325,8 @@ def test_no_line_is_drawn_over_a_gap(size):
     assert len(whole) == 400 and np.all(np.isfinite(curve))
 
 
-def test_a_table_calls_files_by_what_tells_them_apart():
-    assert tables.labels(["day/a.parquet", "b.mcap", "day/a.parquet"]) == {"day/a.parquet": "a", "b.mcap": "b"}
-    assert tables.labels(["x/a.parquet", "y/a.parquet", "c.yaml"]) == {
+def test_a_table_labels_files_by_unique_names():
+    assert tables.short_labels(["day/a.parquet", "b.mcap", "day/a.parquet"]) == {
+        "day/a.parquet": "a", "b.mcap": "b"}
+    assert tables.short_labels(["x/a.parquet", "y/a.parquet", "c.yaml"]) == {
         "x/a.parquet": "x/a.parquet", "y/a.parquet": "y/a.parquet", "c.yaml": "c"}

@@ -13,7 +13,7 @@ from tests.simulator.machine import Machine
 from tests.simulator.records import write_parquet
 
 
-def log(folder: Path, case: Case, plan: Profile, name: str = "record", machine: Machine | None = None,
+def write_record(folder: Path, case: Case, plan: Profile, name: str = "record", machine: Machine | None = None,
         load: np.ndarray | None = None, seed: int | None = None) -> Path:
     """The file of a record of the case's noise and sensors along a profile.
 

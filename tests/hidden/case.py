@@ -9,7 +9,7 @@ from pathlib import Path
 
 import numpy as np
 
-from tests.hidden.effects import CODES, KINDS, Hiding, Logger, hide, nominal_speed_noise
+from tests.hidden.effects import CODES, KINDS, HiddenEffect, Logger, hide, nominal_speed_noise
 from tests.hidden.profiles import STEP, profile
 from tests.hidden.rigs import Rig, rig_by_seed
 from tests.simulator.fast import simulate_fast
@@ -69,7 +69,7 @@ class Case:
     rig: Rig
     machine: Machine
     logger: Logger
-    hidden: tuple[Hiding, ...]
+    hidden: tuple[HiddenEffect, ...]
     noise: Noise
     records: tuple[Record, ...]
     holdout: tuple[Record, ...]
@@ -151,7 +151,7 @@ def make_case(effects: str | Sequence[str], machine_seed: int, record: str = "re
     if bodies == 1 and set(sensors) - {"motor_speed", "motor_angle"}:
         raise ValueError(f"one body: wanted sensors of the motor, found {', '.join(sensors)}")
     rig = rig_by_seed(machine_seed, bodies, linear, known, duration)
-    machine, logger, hidden = conceal(codes, rig, size, machine_seed + 1000003 * seed)
+    machine, logger, hidden = add_effects(codes, rig, size, machine_seed + 1000003 * seed)
     noises = noise_of(rig, sensors, noise, coloured)
     made = [record_of(f"record{i + 1}", rig, machine, logger, noises, record, [seed, i])
             for i in range(records)]
@@ -162,7 +162,7 @@ def make_case(effects: str | Sequence[str], machine_seed: int, record: str = "re
     return Case(rig, machine, logger, hidden, noises, tuple(made), (held,), asked)
 
 
-def conceal(codes: Sequence[str], rig: Rig, size, seed: int, start: Machine | None = None):
+def add_effects(codes: Sequence[str], rig: Rig, size, seed: int, start: Machine | None = None):
     """(machine, logger, (Hiding, ...)) with all the effects; a third mass comes last."""
     machine, logger, found = start or rig.machine, Logger(), {}
     for code in sorted(codes, key=lambda code: code == "third-mass"):
@@ -201,7 +201,7 @@ def record_of(name: str, rig: Rig, machine: Machine, logger: Logger, noise: Nois
                         sensor_noise=seen)
     clean = {"motor_speed": run.measured - seen, **sensors_of(run, rig.machine.bodies)}
     logged = {"motor_torque": run.command} | {role: clean[role] + noises[role] for role in noises}
-    logged = through(logger, logged, streams[2])
+    logged = logged_values(logger, logged, streams[2])
     return Record(name, run, logged, {**noises, "torque": disturbance}, tuple(seed))
 
 
@@ -214,7 +214,7 @@ def sensors_of(run: Trajectory, bodies: int) -> dict[str, np.ndarray]:
     return found
 
 
-def through(logger: Logger, values: Mapping[str, np.ndarray], rng) -> dict[str, np.ndarray]:
+def logged_values(logger: Logger, values: Mapping[str, np.ndarray], rng) -> dict[str, np.ndarray]:
     """What the logger makes of the sensors' values."""
     found = {}
     for role, signal in values.items():

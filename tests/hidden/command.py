@@ -16,7 +16,7 @@ import yaml
 VERDICTS = ("nothing-found", "named", "undetermined", "unexplained")
 GRADES = ("right", "undetermined", "partial", "unexplained", "missed", "wrong", "false-alarm", "failed")
 
-Running = Callable[[Path, Sequence[object]], subprocess.CompletedProcess]
+CommandRunner = Callable[[Path, Sequence[object]], subprocess.CompletedProcess]
 
 
 @dataclass(frozen=True)
@@ -35,7 +35,7 @@ class Answer:
     gain: dict = field(default_factory=dict)
     candidates: tuple[dict, ...] = ()
     parameters: dict = field(default_factory=dict)
-    talk: str = ""
+    stderr: str = ""
     rule: str = ""
     facts: dict = field(default_factory=dict)
 
@@ -49,21 +49,21 @@ def run(folder: Path, words: Sequence[object], timeout: float = 600.0) -> subpro
         return subprocess.CompletedProcess(command, 124, "", f"not done after {timeout:g} s")
 
 
-def ask(folder: Path, logs: Sequence[Path], start: Path, options: Sequence[str] = (),
-        more: Sequence[object] = (), running: Running = run) -> Answer:
+def greybox_and_diagnose(folder: Path, logs: Sequence[Path], start: Path, options: Sequence[str] = (),
+        more: Sequence[object] = (), runner: CommandRunner = run) -> Answer:
     """greybox, then diagnose.
 
     folder   with the records; base.yaml and extended.yaml appear in it
     options  for greybox; more: for diagnose, as --candidates or --holdout; running: `run` or something like it
     """
     names = [Path(log).name for log in logs]
-    done = running(folder, ["greybox", *names, "--params", Path(start).name, "--out", "base.yaml", *options])
+    done = runner(folder, ["greybox", *names, "--params", Path(start).name, "--out", "base.yaml", *options])
     if done.returncode not in (0, 3):
-        return Answer("failed", talk=f"greybox: {done.stderr.strip()[-500:]}")
+        return Answer("failed", stderr=f"greybox: {done.stderr.strip()[-500:]}")
     words = ["diagnose", *names, "--params", "base.yaml", "--out", "extended.yaml", *more]
-    done = running(folder, words)
+    done = runner(folder, words)
     if done.returncode not in (0, 3) or not (folder / "extended.yaml").exists():
-        return Answer("failed", talk=f"diagnose: {done.stderr.strip()[-500:]}")
+        return Answer("failed", stderr=f"diagnose: {done.stderr.strip()[-500:]}")
     return read(folder / "extended.yaml", done.stderr)
 
 
@@ -72,7 +72,7 @@ def read(path: Path, talk: str = "") -> Answer:
     content = yaml.safe_load(Path(path).read_text())
     found = content.get("diagnosis") or {}
     if found.get("verdict") not in VERDICTS:
-        return Answer("failed", talk=f"no verdict in {Path(path).name}: {found.get('verdict')!r}")
+        return Answer("failed", stderr=f"no verdict in {Path(path).name}: {found.get('verdict')!r}")
     return Answer(found["verdict"], tuple(found.get("causes") or ()), tuple(found.get("between") or ()),
                   dict(found.get("gain") or {}), tuple(found.get("candidates") or ()),
                   dict(content.get("parameters") or {}), talk, found.get("rule", ""),

@@ -30,7 +30,7 @@ class Logger:
 
 
 @dataclass(frozen=True)
-class Hiding:
+class HiddenEffect:
     """One hidden effect of a machine.
 
     code, size  as asked for
@@ -66,7 +66,7 @@ class Kind:
     bodies: int = 1
 
 
-def hide(code: str, rig: Rig, machine: Machine, logger: Logger, size: float | None, seed: int) -> Hiding:
+def hide(code: str, rig: Rig, machine: Machine, logger: Logger, size: float | None, seed: int) -> HiddenEffect:
     """Hide one effect in a machine that may have others already.
 
     size    as in the kind's words, or None for the usual
@@ -80,7 +80,7 @@ def hide(code: str, rig: Rig, machine: Machine, logger: Logger, size: float | No
     size = kind.usual if size is None else float(size)
     rng = np.random.default_rng([seed, list(KINDS).index(code)])
     machine, logger, truth = kind.hide(rig, machine, logger, size, rng)
-    return Hiding(code, size, machine, logger, {name: float(v) for name, v in truth.items()})
+    return HiddenEffect(code, size, machine, logger, {name: float(v) for name, v in truth.items()})
 
 
 def _law(machine: Machine, **changes) -> Machine:

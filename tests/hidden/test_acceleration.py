@@ -9,7 +9,7 @@ import pytest
 import yaml
 
 from tests.hidden.case import make_case
-from tests.hidden.command import ask
+from tests.hidden.command import greybox_and_diagnose
 from tests.hidden.start import DRIVES, plain_values
 from tests.simulator.fast import simulate_fast
 from tests.simulator.machine import running
@@ -63,7 +63,7 @@ def said_of(folder, what, order, share, hertz=0.0, seed=1):
                 for n, v in start.items()}
     path = folder / "start.yaml"
     path.write_text(yaml.safe_dump({"schema": "drivetool/parameters/1", "drive": drive, "parameters": sections}))
-    return ask(folder, [record], path, (), ["--plot", "pictures"]), share * up
+    return greybox_and_diagnose(folder, [record], path, (), ["--plot", "pictures"]), share * up
 
 
 @pytest.mark.slow
@@ -72,7 +72,7 @@ def said_of(folder, what, order, share, hertz=0.0, seed=1):
     pytest.param(bus, 6.0, marks=pytest.mark.long)], ids=["rig", "another rig", "bus"])
 def test_cogging_is_named_with_its_order_where_its_frequency_sweeps(tmp_path, make, order):
     answer, amplitude = said_of(tmp_path, make(), order, 0.03)
-    assert (answer.verdict, answer.causes) == ("named", ("torque-ripple",)), answer.talk
+    assert (answer.verdict, answer.causes) == ("named", ("torque-ripple",)), answer.stderr
     found = answer.parameters
     assert found["motor.ripple_order"]["value"] == pytest.approx(order, abs=0.01)
     size = np.hypot(*(found[f"motor.ripple_{part}"]["value"] for part in ("sine", "cosine")))
@@ -87,5 +87,5 @@ def test_cogging_is_named_with_its_order_where_its_frequency_sweeps(tmp_path, ma
     ids=["rig", "rig with a hum", "bus", "bus with a hum"])
 def test_neither_noise_nor_a_hum_is_called_an_order(tmp_path, make, hertz, share):
     answer, _ = said_of(tmp_path, make(), 6.0, share, hertz)
-    assert "torque-ripple" not in (*answer.causes, *answer.between), answer.talk
+    assert "torque-ripple" not in (*answer.causes, *answer.between), answer.stderr
     assert answer.verdict in ("nothing-found", "unexplained")

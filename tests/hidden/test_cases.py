@@ -10,7 +10,7 @@ import yaml
 
 from tests.hidden import CODES, KINDS, greybox_options, make_case, plain_values, write_start
 from tests.hidden.case import noise_of
-from tests.hidden.command import Answer, ask, grade, read, run
+from tests.hidden.command import Answer, grade, greybox_and_diagnose, read, run
 from tests.hidden.profiles import STEP, profile
 from tests.hidden.rigs import resonances, rig_by_seed
 from tests.hidden.visibility import separation, visible
@@ -295,8 +295,8 @@ def test_an_answer_is_read_from_the_file_and_a_failure_is_an_answer(tmp_path):
     (tmp_path / "x.yaml").write_text("schema: drivetool/parameters/1\n")
     assert read(tmp_path / "x.yaml").verdict == "failed"
     (tmp_path / "start.yaml").write_text("schema: drivetool/parameters/1\n")
-    answer = ask(tmp_path, [tmp_path / "missing.parquet"], tmp_path / "start.yaml")
-    assert answer.verdict == "failed" and "missing.parquet" in answer.talk
+    answer = greybox_and_diagnose(tmp_path, [tmp_path / "missing.parquet"], tmp_path / "start.yaml")
+    assert answer.verdict == "failed" and "missing.parquet" in answer.stderr
 
 
 @pytest.mark.slow

@@ -33,7 +33,7 @@ def write(path, angle, seed, torque=None, wrap=None):
     (path.parent / "driven.yaml").write_text(MAP + "  motor_torque: {channel: motor_torque}\n")
 
 
-def coasting(path, motor, seed, fast=2240.0, end=80.0 * RPM):
+def write_coast_down(path, motor, seed, fast=2240.0, end=80.0 * RPM):
     """A run-down without a torque channel."""
     write(path, motion(motor, lambda t: 0.0, fast * RPM, end, 5.0, STEP)[0], seed)
 
@@ -71,26 +71,26 @@ def test_breakaway_friction_is_named_and_its_gain_is_that_of_another_run(tmp_pat
     folder.mkdir()
     hidden = replace(PAPER, surplus=0.5 * PAPER.coulomb, breakaway_speed=5.0)
     label(law="breakaway", breakaway_over_inertia=hidden.surplus / hidden.inertia, breakaway_speed=5.0)
-    coasting(folder / "coast.parquet", hidden, seed, end=1e-3)
-    coasting(folder / "another.parquet", hidden, 100 + seed, end=1e-3)
+    write_coast_down(folder / "coast.parquet", hidden, seed, end=1e-3)
+    write_coast_down(folder / "another.parquet", hidden, 100 + seed, end=1e-3)
     # A known inertia is no need: whatever is held, the drive runs down the same.
     known = ("--set", "motor.inertia=1", "--hold", "motor.inertia")
     plain, _ = steady(folder, "coast.parquet", *COAST, *known)
     (folder / "out.yaml").rename(folder / "plain.yaml")
-    said = finding(plain, "friction-law-incomplete")
+    said = finding(plain, "nonlinear-friction")
     options = shlex.split(said["action"].partition("with ")[2].rstrip("."))
     full, _ = steady(folder, "coast.parquet", "--method", "coast-down", *options, *known)
     done = run(folder, ["validate", "another.parquet", "--map", "map.yaml", "--params", "plain.yaml", "--params",
                         "out.yaml", "--out", "checked.yaml"])
     assert done.returncode == 0, done.stderr
     checked = yaml.safe_load((folder / "checked.yaml").read_text())
-    assert finding(checked, "switched-off-assumed")
+    assert finding(checked, "coast-down-assumed")
     before, after = (check["rmse"] for check in checked["checks"] if check["output"] == "motor_angle")
     evidence, truth = said["evidence"], label()
     assert evidence["law"] == truth["law"]
     assert evidence["gain_low"] < 100.0 * (1.0 - after / before) < evidence["gain_high"]
     assert evidence["gain_high"] - evidence["gain_low"] < 25.0  # most of it is where the drive stops in a count
-    assert "friction-law-incomplete" not in [f["code"] for f in full["findings"]]
+    assert "nonlinear-friction" not in [f["code"] for f in full["findings"]]
     surplus, speed = full["derived"]["breakaway_over_inertia"], full["parameters"]["motor.breakaway_speed"]
     assert abs(surplus["value"] - truth["breakaway_over_inertia"]) < 3.5 * surplus["std"]
     assert abs(speed["value"] - truth["breakaway_speed"]) < 3.5 * speed["std"]
@@ -102,9 +102,10 @@ def test_breakaway_friction_is_named_and_its_gain_is_that_of_another_run(tmp_pat
                  marks=pytest.mark.slow),
     ({}, None)], ids=["drag", "both", "none"])
 def test_other_laws_are_told_from_it_and_none_from_noise(tmp_path, hidden, law):
-    coasting(tmp_path / "coast.parquet", replace(PAPER, **hidden), 3, end=1e-3 if "surplus" in hidden else 80 * RPM)
+    write_coast_down(tmp_path / "coast.parquet", replace(PAPER, **hidden), 3,
+                     end=1e-3 if "surplus" in hidden else 80 * RPM)
     file, _ = steady(tmp_path, "coast.parquet", *COAST)
-    found = [f["evidence"].get("law") for f in file["findings"] if f["code"] == "friction-law-incomplete"]
+    found = [f["evidence"].get("law") for f in file["findings"] if f["code"] == "nonlinear-friction"]
     assert found == ([law] if law else [])
 
 
@@ -117,16 +118,17 @@ def test_a_friction_that_falls_from_run_to_run_is_said_with_its_size(tmp_path, l
     logs = [f"run{k}.parquet" for k in range(4)]
     for k, log in enumerate(logs):
         warm = (1.0 - fall) ** k
-        coasting(folder / log, replace(PAPER, viscous=warm * PAPER.viscous, coulomb=warm * PAPER.coulomb), k)
+        write_coast_down(folder / log, replace(PAPER, viscous=warm * PAPER.viscous, coulomb=warm * PAPER.coulomb),
+                         k)
     file, _ = steady(folder, *logs, *COAST)
     if not fall:
-        assert "run-downs-differ" not in [f["code"] for f in file["findings"]]
+        assert "scatter-beyond-noise" not in [f["code"] for f in file["findings"]]
         return
-    said = finding(file, "run-downs-differ")
+    said = finding(file, "scatter-beyond-noise")
     for name in ("viscous", "coulomb", "together"):
         assert said["evidence"][name] == pytest.approx(-label()["fall_percent"], abs=0.02), name
     assert "temperature" in said["action"]
-    assert "friction-law-incomplete" not in [f["code"] for f in file["findings"]]
+    assert "nonlinear-friction" not in [f["code"] for f in file["findings"]]
 
 
 @pytest.mark.slow
@@ -136,8 +138,8 @@ def test_a_belt_that_is_on_and_off_tells_the_ratio_of_the_inertias(tmp_path, lab
     folder.mkdir()
     behind = 3e-4 * (1.0 + 0.2 * seed)
     label(ratio=behind / RATIO**2 / PAPER.inertia)
-    coasting(folder / "motor.parquet", PAPER, seed)
-    coasting(folder / "belt.parquet", replace(PAPER, inertia=PAPER.inertia + behind / RATIO**2), 10 + seed)
+    write_coast_down(folder / "motor.parquet", PAPER, seed)
+    write_coast_down(folder / "belt.parquet", replace(PAPER, inertia=PAPER.inertia + behind / RATIO**2), 10 + seed)
     file, _ = steady(folder, "motor.parquet", "belt.parquet", *COAST, "--record", "belt.parquet",
                      "free=motor.added_inertia")
     found = file["derived"]["added_inertia_in_belt.parquet_over_inertia"]
@@ -153,8 +155,8 @@ def test_of_a_load_behind_a_belt_a_known_pulley_tells_the_inertia(tmp_path, labe
     folder.mkdir()
     pulley, behind = 5e-5, 3e-4
     label(motor=PAPER.inertia, load=behind)
-    coasting(folder / "motor.parquet", PAPER, seed)
-    coasting(folder / "pulley.parquet", replace(PAPER, inertia=PAPER.inertia + pulley), 10 + seed)
+    write_coast_down(folder / "motor.parquet", PAPER, seed)
+    write_coast_down(folder / "pulley.parquet", replace(PAPER, inertia=PAPER.inertia + pulley), 10 + seed)
     whole = replace(PAPER, inertia=PAPER.inertia + behind / RATIO**2)
     torque, angle, _ = driven(whole, 0.06, 100.0, 80 * RPM, 0.5, STEP)
     write(folder / "belt.parquet", angle, 20 + seed, torque)
@@ -201,7 +203,7 @@ def bad(name, folder):
     return BAD[name]
 
 
-RUN_DOWN = ("runs down without torque", "Switch the drive off at speed and record until it stands")
+RUN_DOWN = ("coasts down without torque", "Switch the drive off at speed and record until it stands")
 BAD = {
     "always driven": ((*COAST,), RUN_DOWN),
     "one speed": ((*COAST,), RUN_DOWN),
@@ -214,7 +216,7 @@ BAD = {
         ("that the added inertia slows", "record again with one about as large")),
     "more than the whole": (
         ("--method", "coast-down", "--drive", "two-mass", "--set", "motor.inertia=2e-4", "--hold", "motor.inertia"),
-        ("8.75e-05 kg m^2", "recorded alone")),
+        ("8.75e-05 kg m^2", "a record of the motor alone")),
 }
 
 
@@ -232,11 +234,11 @@ def test_what_tells_nothing_is_refused_in_a_sentence_with_what_to_record(tmp_pat
 
 @pytest.mark.slow
 def test_an_added_inertia_with_a_wrong_unit_beside_a_held_one_is_said(tmp_path):
-    coasting(tmp_path / "motor.parquet", PAPER, 1)
-    coasting(tmp_path / "disc.parquet", replace(PAPER, inertia=PAPER.inertia + 5e-5), 2)
+    write_coast_down(tmp_path / "motor.parquet", PAPER, 1)
+    write_coast_down(tmp_path / "disc.parquet", replace(PAPER, inertia=PAPER.inertia + 5e-5), 2)
     file, _ = steady(tmp_path, "motor.parquet", "disc.parquet", *COAST, "--record", "disc.parquet",
                      "motor.added_inertia=5e-3", "--set", "motor.inertia=8.75e-5", "--hold", "motor.inertia")
-    assert "its unit" in finding(file, "run-downs-differ")["action"]
+    assert "its unit" in finding(file, "scatter-beyond-noise")["action"]
 
 
 @pytest.mark.slow
@@ -244,7 +246,7 @@ def test_an_added_inertia_with_a_wrong_unit_beside_a_held_one_is_said(tmp_path):
     ("diagnose", (), "take steady --method coast-down, which names the law"),
     ("greybox", ("--set", "motor.inertia=1"), "take steady --method coast-down")])
 def test_other_commands_say_what_to_take_for_a_run_down(tmp_path, command, words, says):
-    coasting(tmp_path / "coast.parquet", PAPER, 1)
+    write_coast_down(tmp_path / "coast.parquet", PAPER, 1)
     steady(tmp_path, "coast.parquet", *COAST)
     done = run(tmp_path, [command, "coast.parquet", "--map", "map.yaml", "--params", "out.yaml", *words])
     assert done.returncode == 1
@@ -259,12 +261,12 @@ def test_a_belt_with_friction_of_its_own_widens_what_it_tells(tmp_path, label, k
     folder = tmp_path / "records"
     folder.mkdir()
     label(added=5e-5, motor=PAPER.inertia)
-    coasting(folder / "motor.parquet", PAPER, 1)
+    write_coast_down(folder / "motor.parquet", PAPER, 1)
     belt = replace(PAPER, inertia=PAPER.inertia + 5e-5, coulomb=1.1 * PAPER.coulomb)
-    coasting(folder / "belt.parquet", belt, 2)
+    write_coast_down(folder / "belt.parquet", belt, 2)
     file, _ = steady(folder, "motor.parquet", "belt.parquet", *COAST, "--record", "belt.parquet",
                      "motor.added_inertia=5e-5" if known else "free=motor.added_inertia")
-    assert finding(file, "run-downs-differ")
+    assert finding(file, "scatter-beyond-noise")
     found = (file["parameters"]["motor.inertia"] if known else
              file["derived"]["added_inertia_in_belt.parquet_over_inertia"])
     truth = label()["motor"] if known else label()["added"] / label()["motor"]

@@ -1,7 +1,7 @@
 """What torque and speed of the motor do not tell apart, row by row: left open, or nothing found.
 
 What separates such causes is asked elsewhere: a second sensor in `test_hidden_effects.py` (lag and filter) and
-`test_parts.py` (motor and load, whose friction is one sum here), reversals in `test_dry_friction.py`.
+`test_friction_split.py` (motor and load, whose friction is one sum here), reversals in `test_dry_friction.py`.
 """
 
 from __future__ import annotations
@@ -13,9 +13,9 @@ from pathlib import Path
 import pytest
 
 from tests.hidden import greybox_options, make_case, write_start
-from tests.hidden.beside import log
+from tests.hidden.beside import write_record
 from tests.hidden.case import record_of
-from tests.hidden.command import Answer, ask
+from tests.hidden.command import Answer, greybox_and_diagnose
 from tests.hidden.effects import Logger
 from tests.hidden.profiles import profile
 
@@ -27,7 +27,8 @@ def answer_to(folder: Path, effects: str | tuple, rivals: str, machine: int = MA
     """What is said of a record of a machine with a hidden effect."""
     case = make_case(effects, machine, seed=machine, **SHORT, **options)
     logs, _ = case.write_records(folder)
-    return ask(folder, logs, write_start(case, folder), greybox_options(case), ["--candidates", rivals])
+    return greybox_and_diagnose(folder, logs, write_start(case, folder), greybox_options(case),
+                                ["--candidates", rivals])
 
 
 @pytest.mark.slow
@@ -43,7 +44,7 @@ def answer_to(folder: Path, effects: str | tuple, rivals: str, machine: int = MA
                      pytest.mark.long, pytest.mark.xfail(reason="the drift is named alone")])])
 def test_what_looks_alike_is_left_open(tmp_path, effect, rivals, machine, options, open_between):
     answer = answer_to(tmp_path, effect, rivals, machine, **options)
-    assert (answer.verdict, set(answer.between)) == ("undetermined", open_between), answer.talk
+    assert (answer.verdict, set(answer.between)) == ("undetermined", open_between), answer.stderr
 
 
 @pytest.mark.slow
@@ -51,7 +52,7 @@ def test_dry_friction_without_a_reversal_is_an_idle_torque(tmp_path):
     """Of which nothing is seen, however large: no smallest visible size is stated."""
     answer = answer_to(tmp_path, "coulomb-motor", "coulomb-motor,coulomb-load,asymmetric-friction,quadratic-drag",
                        record="one-directional")
-    assert answer.verdict == "nothing-found", answer.talk
+    assert answer.verdict == "nothing-found", answer.stderr
     told = {c["code"]: c for c in answer.candidates}
     for code in ("coulomb-motor", "coulomb-load", "asymmetric-friction"):
         assert told[code]["shown"] is False and not told[code]["smallest"] and "direction" in told[code]["reason"]
@@ -61,7 +62,7 @@ def test_dry_friction_without_a_reversal_is_an_idle_torque(tmp_path):
 @pytest.mark.slow
 def test_an_offset_of_the_torque_is_an_idle_torque(tmp_path):
     answer = answer_to(tmp_path, "torque-offset", f"torque-offset,coulomb-motor,{EVERY_SPEED}")
-    assert answer.verdict == "nothing-found", answer.talk
+    assert answer.verdict == "nothing-found", answer.stderr
     offset = next(c for c in answer.candidates if c["code"] == "torque-offset")
     assert offset["state"] == "in-the-model" and "idle torque" in offset["reason"]
 
@@ -69,7 +70,7 @@ def test_an_offset_of_the_torque_is_an_idle_torque(tmp_path):
 @pytest.mark.slow
 def test_a_small_stiff_third_mass_is_not_seen_from_the_motor(tmp_path):
     answer = answer_to(tmp_path, "third-mass", "third-mass,backlash,hardening-stiffness", size=0.05)
-    assert answer.verdict == "nothing-found", answer.talk
+    assert answer.verdict == "nothing-found", answer.stderr
 
 
 @pytest.mark.slow
@@ -78,9 +79,9 @@ def test_a_wrong_torque_constant_scales_the_machine(tmp_path):
     logger = replace(Logger(), scale={"motor_torque": 1.1})
     made = record_of("record1", case.rig, case.machine, logger, case.noise, "reversing", [MACHINE, 0])
     logs, _ = replace(case, records=(made,)).write_records(tmp_path)
-    answer = ask(tmp_path, logs, write_start(case, tmp_path), greybox_options(case),
+    answer = greybox_and_diagnose(tmp_path, logs, write_start(case, tmp_path), greybox_options(case),
                  ["--candidates", f"wrong-scale,coulomb-load,{EVERY_SPEED}"])
-    assert answer.verdict == "nothing-found", answer.talk
+    assert answer.verdict == "nothing-found", answer.stderr
     ratio = answer.parameters["motor.inertia"]["value"] / case.rig.machine.inertia[0]
     assert abs(ratio - 1.1) < 0.02
 
@@ -91,9 +92,9 @@ def test_dry_friction_by_direction_is_one_of_both_and_an_idle_torque(tmp_path):
     case = make_case((), MACHINE, seed=MACHINE, coulomb={0: 0.03}, **SHORT)
     machine, dry = case.rig.machine, case.rig.machine.coulomb[0]
     machine = replace(machine, effects=replace(machine.effects, coulomb_back=(0.5 * dry, math.nan)))
-    record = log(tmp_path, case, profile("reversing", case.rig, MACHINE), machine=machine)
-    answer = ask(tmp_path, [record], write_start(case, tmp_path), greybox_options(case),
+    record = write_record(tmp_path, case, profile("reversing", case.rig, MACHINE), machine=machine)
+    answer = greybox_and_diagnose(tmp_path, [record], write_start(case, tmp_path), greybox_options(case),
                  ["--candidates", f"asymmetric-friction,coulomb-load,{EVERY_SPEED}"])
-    assert answer.verdict == "nothing-found", answer.talk
+    assert answer.verdict == "nothing-found", answer.stderr
     found = answer.parameters["motor.coulomb"]
     assert abs(found["value"] - 0.75 * dry) < 4.0 * found["std"]

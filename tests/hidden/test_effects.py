@@ -9,7 +9,7 @@ import pytest
 import yaml
 
 from tests.hidden import CODES, greybox_options, make_case, write_start
-from tests.hidden.command import ask, grade, run
+from tests.hidden.command import grade, greybox_and_diagnose, run
 
 RIVALS = ("backlash", "coulomb-load", "quadratic-drag")
 # Hidden effect, machine: visible from motor torque and motor speed, or from the sensors the effect needs.
@@ -69,7 +69,7 @@ def answered(effect, machine, folder, labels, words, **options):
     folder.mkdir()
     logs, _ = case.write(folder, labels, visibility=False)
     start = write_start(case, folder)
-    answer = ask(folder, logs, start, greybox_options(case), words)
+    answer = greybox_and_diagnose(folder, logs, start, greybox_options(case), words)
     return answer, json.loads((labels / "label.json").read_text())["causes"]
 
 
@@ -78,7 +78,7 @@ def test_a_hidden_effect_is_named(effect, machine, options, tmp_path):
     rivals = ",".join(dict.fromkeys((CODES[effect], *RIVALS)))
     answer, causes = answered(effect, machine, tmp_path / "records", tmp_path / "labels", ["--candidates", rivals],
                               **options)
-    assert grade(causes, answer) == "right", answer.talk
+    assert grade(causes, answer) == "right", answer.stderr
     before, after = (answer.gain[f"held_out_rmse_{when}"] for when in ("before", "after"))
     assert after <= before * 1.01
 
@@ -89,8 +89,8 @@ def test_a_hidden_effect_is_named_by_a_record_held_out(tmp_path):
     case = make_case("coulomb-load", 12, **SHORT)
     logs, held = case.write_records(tmp_path)
     words = ["--candidates", ",".join(("coulomb-load", *RIVALS)), "--holdout", held[0].name]
-    answer = ask(tmp_path, logs, write_start(case, tmp_path), greybox_options(case), words)
-    assert grade(case.label(False)["causes"], answer) == "right", answer.talk
+    answer = greybox_and_diagnose(tmp_path, logs, write_start(case, tmp_path), greybox_options(case), words)
+    assert grade(case.label(False)["causes"], answer) == "right", answer.stderr
     floor, after = answer.gain["noise_floor"], answer.gain["held_out_rmse_after"]
     assert 0.9 * floor < after < 1.1 * floor < answer.gain["held_out_rmse_before"]
     friction = answer.parameters["load.coulomb"]["ci95"]
@@ -104,7 +104,7 @@ def test_a_hidden_effect_is_named_from_a_short_record(effect, machine, tmp_path)
     rivals = ",".join(dict.fromkeys((CODES[effect], *RIVALS[1:])))
     answer, causes = answered(effect, machine, tmp_path / "records", tmp_path / "labels", ["--candidates", rivals],
                               **SHORT)
-    assert grade(causes, answer) == "right", answer.talk
+    assert grade(causes, answer) == "right", answer.stderr
 
 
 @pytest.mark.slow
@@ -114,14 +114,14 @@ def test_pairs_and_other_kinds_of_record(effects, machine, options, tmp_path):
     rivals = ",".join(dict.fromkeys((*(CODES[code] for code in codes), *RIVALS[1:])))
     answer, causes = answered(effects, machine, tmp_path / "records", tmp_path / "labels",
                               ["--candidates", rivals], **options)
-    assert grade(causes, answer) == "right", answer.talk
+    assert grade(causes, answer) == "right", answer.stderr
 
 
 @pytest.mark.slow
 @pytest.mark.parametrize(("effect", "machine", "options"), ALL)
 def test_a_hidden_effect_is_named_out_of_the_whole_catalogue(effect, machine, options, tmp_path):
     answer, causes = answered(effect, machine, tmp_path / "records", tmp_path / "labels", [], **options)
-    assert grade(causes, answer) == "right", answer.talk
+    assert grade(causes, answer) == "right", answer.stderr
 
 
 @pytest.mark.slow
@@ -130,7 +130,7 @@ def test_nothing_is_found_where_nothing_is_hidden(machine, tmp_path):
     """With the whole catalogue; an offset of the torque (22) acts as the idle torque the base has."""
     effect = "none" if machine == 7 else "torque-offset"
     answer, _ = answered(effect, machine, tmp_path / "records", tmp_path / "labels", [])
-    assert answer.verdict == "nothing-found", answer.talk
+    assert answer.verdict == "nothing-found", answer.stderr
 
 
 @pytest.mark.slow
@@ -139,7 +139,7 @@ def test_noise_that_feedback_carries_into_the_torque_is_no_cause(tmp_path):
     answer, _ = answered("none", 60104, tmp_path / "records", tmp_path / "labels",
                          ["--candidates", "quadratic-drag,coulomb-load"], record="closed-loop", noise="loud",
                          seed=60104)
-    assert answer.verdict == "nothing-found", answer.talk
+    assert answer.verdict == "nothing-found", answer.stderr
 
 
 @pytest.mark.long
@@ -148,7 +148,7 @@ def test_a_lag_too_short_to_leave_a_trace_is_none(tmp_path):
     rivals = "quantisation,converter-lag,third-mass,hardening-stiffness"
     answer, causes = answered("quantisation", 189015, tmp_path / "records", tmp_path / "labels",
                               ["--candidates", rivals], seed=189015, bodies=2)
-    assert grade(causes, answer) == "right", answer.talk
+    assert grade(causes, answer) == "right", answer.stderr
 
 
 @pytest.mark.long
@@ -157,7 +157,7 @@ def test_a_shaft_torque_a_little_too_large_is_found_beside_all_that_was_measured
     answer, causes = answered("wrong-scale-shaft", 189023, tmp_path / "records", tmp_path / "labels",
                               ["--candidates", "wrong-scale,coulomb-load"], seed=189023, bodies=2,
                               sensors=("motor_speed", "shaft_torque"), record="one-directional")
-    assert grade(causes, answer) == "right", answer.talk
+    assert grade(causes, answer) == "right", answer.stderr
 
 
 @pytest.mark.long
@@ -165,7 +165,7 @@ def test_a_large_third_mass_is_found_where_none_grows_from_a_trace(tmp_path):
     """Of 30 % at twice the resonance: a trace there is unlikely, and its growth promises less than elsewhere."""
     answer, causes = answered("third-mass", 241106, tmp_path / "records", tmp_path / "labels",
                               ["--candidates", "third-mass,hardening-stiffness,converter-lag"], seed=241106)
-    assert grade(causes, answer) == "right", answer.talk
+    assert grade(causes, answer) == "right", answer.stderr
 
 
 @pytest.mark.long
@@ -174,7 +174,7 @@ def test_a_base_whose_noise_lies_all_in_one_sensor_is_no_discovery(tmp_path):
     answer, causes = answered("wrong-sign-shaft", 770022, tmp_path / "records", tmp_path / "labels",
                               ["--candidates", "wrong-sign,stribeck-motor,torque-ripple"], seed=770022, bodies=2,
                               sensors=("motor_speed", "shaft_torque"), record="one-directional")
-    assert grade(causes, answer) == "right", answer.talk
+    assert grade(causes, answer) == "right", answer.stderr
 
 
 @pytest.mark.long
@@ -182,7 +182,7 @@ def test_a_gap_taken_for_a_shaft_that_stiffens_is_one_once_friction_is_found(tmp
     """Of a tenth of the twist: by itself the law of the shaft is worth as much, beside the friction a third."""
     answer, causes = answered(("backlash", "coulomb-load"), 189000, tmp_path / "records", tmp_path / "labels",
                               ["--candidates", "backlash,hardening-stiffness,coulomb-load"], seed=189000)
-    assert grade(causes, answer) == "right", answer.talk
+    assert grade(causes, answer) == "right", answer.stderr
 
 
 @pytest.mark.long
@@ -191,7 +191,7 @@ def test_no_law_is_read_into_the_steps_of_a_logger(tmp_path):
     answer, causes = answered("quantisation", 111015, tmp_path / "records", tmp_path / "labels",
                               ["--candidates", "quantisation,hardening-stiffness,load-dependent-damping"],
                               seed=111015)
-    assert grade(causes, answer) == "right", answer.talk
+    assert grade(causes, answer) == "right", answer.stderr
 
 
 @pytest.mark.slow
@@ -201,7 +201,7 @@ def test_a_filter_and_a_lag_are_not_told_apart_by_one_sensor(effect, machine, tm
     """Nor by the noise: whether it comes before or behind the lag is not known. The lags are of both orders."""
     answer, causes = answered(effect, machine, tmp_path / "records", tmp_path / "labels",
                               ["--candidates", "speed-filter,converter-lag,backlash"], **SHORT)
-    assert grade(causes, answer) == "undetermined", answer.talk
+    assert grade(causes, answer) == "undetermined", answer.stderr
     alike = {"speed-filter", "converter-lag"}
     assert alike <= set(answer.between) <= {*alike, "dead-time"}
 
@@ -212,7 +212,7 @@ def test_a_second_sensor_tells_a_lag_from_a_filter(machine, tmp_path):
     answer, causes = answered("converter-lag", machine, tmp_path / "records", tmp_path / "labels",
                               ["--candidates", "speed-filter,converter-lag,dead-time,backlash"],
                               sensors=("motor_speed", "load_speed"), **SHORT)
-    assert grade(causes, answer) == "right", answer.talk
+    assert grade(causes, answer) == "right", answer.stderr
 
 
 @pytest.mark.long
@@ -221,7 +221,7 @@ def test_a_delay_that_the_base_has_damped_away_is_left_open(tmp_path):
     answer, _ = answered(("dead-time", "stribeck-load"), 300003, tmp_path / "records", tmp_path / "labels",
                          ["--candidates", "dead-time,converter-lag,speed-filter"], seed=300003, record="cruise",
                          size={"dead-time": 3.7, "stribeck-load": 0.018})
-    assert answer.verdict == "undetermined" and "dead-time" in answer.between, answer.talk
+    assert answer.verdict == "undetermined" and "dead-time" in answer.between, answer.stderr
 
 
 @pytest.mark.long
@@ -233,7 +233,7 @@ def test_a_law_that_a_later_one_makes_too_wide_becomes_its_special_case(tmp_path
                               ["--candidates", "coulomb-motor,stribeck-motor,stribeck-load"], seed=400203,
                               record="chirp", duration=20.0,
                               size={"coulomb-motor": 0.019657818, "stribeck-load": 0.0316933266})
-    assert grade(causes, answer) == "right", answer.talk
+    assert grade(causes, answer) == "right", answer.stderr
 
 
 @pytest.mark.long
@@ -241,7 +241,7 @@ def test_a_base_that_a_wrong_sign_has_bent_is_straightened(tmp_path):
     """It was fitted with the shaft torque upside down: a load without end, no friction."""
     answer, causes = answered("wrong-sign-shaft", 50034, tmp_path / "records", tmp_path / "labels", [],
                               seed=50034, **SHORT)
-    assert grade(causes, answer) == "right", answer.talk
+    assert grade(causes, answer) == "right", answer.stderr
     label = json.loads((tmp_path / "labels" / "label.json").read_text())["plain"]
     for name in ("motor.inertia", "load.inertia", "shaft.stiffness"):
         found = answer.parameters[name]
@@ -281,5 +281,5 @@ def test_no_other_name_is_given_where_the_true_one_is_not_among_the_candidates(e
     """A shaft that hardens imitates a gap, breakaway friction the plain dry one, a dead time a lag."""
     answer, causes = answered(effect, machine, tmp_path / "records", tmp_path / "labels",
                               ["--candidates", rivals], seed=machine, **options)
-    assert grade(causes, answer, removed=True) == "right", answer.talk
+    assert grade(causes, answer, removed=True) == "right", answer.stderr
     assert answer.verdict in ("undetermined", "unexplained")

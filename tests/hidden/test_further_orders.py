@@ -7,9 +7,9 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from tests.hidden.beside import log
+from tests.hidden.beside import write_record
 from tests.hidden.case import make_case
-from tests.hidden.command import ask
+from tests.hidden.command import greybox_and_diagnose
 from tests.hidden.profiles import profile
 from tests.hidden.start import write_start
 
@@ -24,8 +24,8 @@ def answer_to(folder, machine_seed, kind, *ripples):
     names = ("ripple", "ripple2")
     laws = {n: (share * rig.rated, *rest) for n, (share, *rest) in zip(names, ripples, strict=False)}
     machine = replace(rig.machine, effects=replace(rig.machine.effects, **laws))
-    record = log(folder, case, profile(kind, rig, 5), machine=machine)
-    return case, ask(folder, [record], write_start(case, folder), PLAIN, OFTEN)
+    record = write_record(folder, case, profile(kind, rig, 5), machine=machine)
+    return case, greybox_and_diagnose(folder, [record], write_start(case, folder), PLAIN, OFTEN)
 
 
 @pytest.mark.parametrize(("machine", "kind", "orders"), [
@@ -33,7 +33,7 @@ def answer_to(folder, machine_seed, kind, *ripples):
     pytest.param(947, "closed-loop", (4.0, 9.5), marks=pytest.mark.long)])
 def test_both_orders_of_a_ripple_are_found_with_their_sizes(tmp_path, machine, kind, orders):
     case, answer = answer_to(tmp_path, machine, kind, (0.02, orders[0], 0.7), (0.012, orders[1], -0.4))
-    assert (answer.verdict, answer.causes) == ("named", ("torque-ripple",)), answer.talk
+    assert (answer.verdict, answer.causes) == ("named", ("torque-ripple",)), answer.stderr
     found = answer.parameters
     lines = sorted((found[f"motor.{r}_order"]["value"], r) for r in ("ripple", "ripple2"))
     for (_, ripple), order, share, phase in zip(lines, orders, (0.02, 0.012), (0.7, -0.4), strict=True):
@@ -49,5 +49,5 @@ def test_both_orders_of_a_ripple_are_found_with_their_sizes(tmp_path, machine, k
 @pytest.mark.slow
 def test_one_order_stays_one(tmp_path):
     _, answer = answer_to(tmp_path, 943, "reversing", (0.02, 6.0, 0.7))
-    assert (answer.verdict, answer.causes) == ("named", ("torque-ripple",)), answer.talk
+    assert (answer.verdict, answer.causes) == ("named", ("torque-ripple",)), answer.stderr
     assert "motor.ripple2_order" not in answer.parameters

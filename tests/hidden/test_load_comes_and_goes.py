@@ -7,9 +7,9 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from tests.hidden.beside import log
+from tests.hidden.beside import write_record
 from tests.hidden.case import make_case
-from tests.hidden.command import ask
+from tests.hidden.command import greybox_and_diagnose
 from tests.hidden.profiles import STEP, Profile, profile
 from tests.hidden.start import write_start
 from tests.simulator.fast import PI
@@ -34,10 +34,10 @@ def test_a_load_that_changes_more_than_once_is_found_with_every_instant(tmp_path
     case = make_case("none", machine, record=kind, seed=2, duration=6.0)
     size = round(6.0 / STEP)
     true = [(time, share * case.rig.rated) for time, share in changes]
-    record = log(tmp_path, case, profile(kind, case.rig, 2), load=steps(size, *true))
-    answer = ask(tmp_path, [record], write_start(case, tmp_path), PLAIN,
+    record = write_record(tmp_path, case, profile(kind, case.rig, 2), load=steps(size, *true))
+    answer = greybox_and_diagnose(tmp_path, [record], write_start(case, tmp_path), PLAIN,
                  ["--candidates", "load-step,friction-drift,quadratic-drag"])
-    assert (answer.verdict, answer.causes) == ("named", ("load-step",)), answer.talk
+    assert (answer.verdict, answer.causes) == ("named", ("load-step",)), answer.stderr
     for slot, (time, torque) in zip(("step", "step2"), true, strict=True):
         found = answer.parameters[f"load.{slot}_torque"]
         assert abs(found["value"] - torque) < 4.0 * found["std"] < 0.1 * abs(torque)
@@ -55,9 +55,9 @@ def test_a_ripple_is_found_on_an_axis_that_turns_back_and_forth_by_one_turn(tmp_
     start = running(machine, 0.0)
     dither = 0.02 * rig.rated * np.repeat(np.random.default_rng(3).choice([-1.0, 1.0], size // 8), 8)
     plan = Profile(dither, PI(reference, 6.0 * total, 12.0 * total, start.torque, rig.rated), start)
-    record = log(tmp_path, case, plan, machine=machine)
-    answer = ask(tmp_path, [record], write_start(case, tmp_path), PLAIN,
+    record = write_record(tmp_path, case, plan, machine=machine)
+    answer = greybox_and_diagnose(tmp_path, [record], write_start(case, tmp_path), PLAIN,
                  ["--candidates", "torque-ripple,imbalance,load-step,coulomb-motor"])
-    assert (answer.verdict, answer.causes) == ("named", ("torque-ripple",)), answer.talk
+    assert (answer.verdict, answer.causes) == ("named", ("torque-ripple",)), answer.stderr
     low, high = answer.parameters["motor.ripple_order"]["ci95"]
     assert low <= order <= high

@@ -8,9 +8,9 @@ from dataclasses import replace
 import pytest
 import yaml
 
-from tests.hidden.beside import log
+from tests.hidden.beside import write_record
 from tests.hidden.case import make_case
-from tests.hidden.command import ask
+from tests.hidden.command import greybox_and_diagnose
 from tests.hidden.profiles import profile
 from tests.hidden.rigs import resonances
 from tests.hidden.start import write_start
@@ -24,14 +24,14 @@ FITTED = ["--candidates", "third-mass,load-dependent-damping,hardening-stiffness
 def test_a_record_held_out_that_was_made_with_other_friction_is_told_and_no_cause_is_named(tmp_path):
     case = make_case("none", 901, seed=4, duration=6.0)
     machine = case.rig.machine
-    record = log(tmp_path, case, profile("reversing", case.rig, 4))
+    record = write_record(tmp_path, case, profile("reversing", case.rig, 4))
     warmer = replace(machine, viscous=tuple(1.4 * v for v in machine.viscous))
-    other = log(tmp_path, case, profile("reversing", case.rig, 5), "other", warmer, seed=5)
-    answer = ask(tmp_path, [record], write_start(case, tmp_path), PLAIN,
+    other = write_record(tmp_path, case, profile("reversing", case.rig, 5), "other", warmer, seed=5)
+    answer = greybox_and_diagnose(tmp_path, [record], write_start(case, tmp_path), PLAIN,
                  ["--candidates", "quadratic-drag,load-step", "--holdout", other.name])
-    assert answer.verdict == "unexplained" and not answer.causes, answer.talk
+    assert answer.verdict == "unexplained" and not answer.causes, answer.stderr
     content = yaml.safe_load((tmp_path / "extended.yaml").read_text())
-    (told,) = [f for f in content["findings"] if f["code"] == "held-out-record-differs"]
+    (told,) = [f for f in content["findings"] if f["code"] == "parameters-change"]
     names = [n.removesuffix(".held_out") for n in told["evidence"] if n.endswith(".held_out")]
     assert all(n.endswith("viscous") for n in names) and "other.parquet" in told["text"], told
     more = sum(told["evidence"][f"{n}.held_out"] - told["evidence"][f"{n}.fitted"] for n in names)
@@ -42,10 +42,11 @@ def test_a_record_held_out_that_was_made_with_other_friction_is_told_and_no_caus
 @pytest.mark.slow
 def test_a_record_held_out_of_the_same_machine_differs_in_nothing(tmp_path):
     case = make_case("none", 901, seed=4, duration=6.0)
-    record = log(tmp_path, case, profile("reversing", case.rig, 4))
-    other = log(tmp_path, case, profile("reversing", case.rig, 5), "other", seed=5)
-    answer = ask(tmp_path, [record], write_start(case, tmp_path), PLAIN, [*FITTED, "--holdout", other.name])
-    assert answer.verdict == "nothing-found" and "differs" not in answer.talk
+    record = write_record(tmp_path, case, profile("reversing", case.rig, 4))
+    other = write_record(tmp_path, case, profile("reversing", case.rig, 5), "other", seed=5)
+    answer = greybox_and_diagnose(tmp_path, [record], write_start(case, tmp_path), PLAIN,
+                                  [*FITTED, "--holdout", other.name])
+    assert answer.verdict == "nothing-found" and "differs" not in answer.stderr
 
 
 @pytest.mark.long
@@ -61,9 +62,9 @@ def test_a_mass_in_front_of_the_load_and_its_sensor_is_a_third_mass_too(tmp_path
         (*plain.damping, 0.04 * share * (1.0 - share) * last * rate), rated_torque=case.rig.rated)
     start = replace(plan.start, speeds=(*plan.start.speeds, plan.start.speeds[-1]),
                     twists=(*plan.start.twists, 0.0))
-    record = log(tmp_path, case, replace(plan, start=start), machine=machine)
-    answer = ask(tmp_path, [record], write_start(case, tmp_path), PLAIN, FITTED)
-    assert (answer.verdict, answer.causes) == ("named", ("third-mass",)), answer.talk
+    record = write_record(tmp_path, case, replace(plan, start=start), machine=machine)
+    answer = greybox_and_diagnose(tmp_path, [record], write_start(case, tmp_path), PLAIN, FITTED)
+    assert (answer.verdict, answer.causes) == ("named", ("third-mass",)), answer.stderr
     true = dict(zip(("motor", "middle", "load"), machine.inertia, strict=True))
     for body, inertia in true.items():
         line = answer.parameters[f"{body}.inertia"]

@@ -13,8 +13,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numba import njit
 
-from tests.hidden.case import Case, Record, conceal, sensors_of, through
-from tests.hidden.effects import KINDS, Hiding, Logger, nominal_speed_noise
+from tests.hidden.case import Case, Record, add_effects, logged_values, sensors_of
+from tests.hidden.effects import KINDS, HiddenEffect, Logger, nominal_speed_noise
 from tests.hidden.profiles import STEP
 from tests.hidden.whiten import Whitener, discrete, outputs
 from tests.simulator.effects import BODY, SHAFT
@@ -47,7 +47,8 @@ class Visibility:
     converged: bool
 
 
-def visible(case: Case, known: tuple[Hiding, ...] = (), records: tuple[Record, ...] | None = None) -> Visibility:
+def visible(case: Case, known: tuple[HiddenEffect, ...] = (),
+            records: tuple[Record, ...] | None = None) -> Visibility:
     """Visibility of the hidden effects that are not `known` against the plain machine.
 
     known    effects of the case that belong to the plain machine here, at their true values
@@ -122,7 +123,7 @@ def _over_all_speeds(machine: Machine, top: float) -> list[Machine]:
 def _concealed(case: Case, sizes: dict[str, float]):
     """(machine, logger) of the rig with effects of these sizes, drawn as those of the case are."""
     seed = int(case.asked["machine_seed"]) + 1000003 * int(case.asked["seed"])
-    machine, logger, _ = conceal(list(sizes), case.rig, sizes, seed)
+    machine, logger, _ = add_effects(list(sizes), case.rig, sizes, seed)
     return machine, logger
 
 
@@ -287,7 +288,7 @@ class _Model:
             clean = {"motor_speed": made.measured, **sensors_of(made, known)}
         seen = {role: clean[role] + record.noise[role] for role in self.roles}
         if self.logger != Logger():
-            seen = through(self.logger, seen, np.random.default_rng([*record.seed, 15485863]).spawn(3)[2])
+            seen = logged_values(self.logger, seen, np.random.default_rng([*record.seed, 15485863]).spawn(3)[2])
         return np.column_stack([record.logged[role] - seen[role] for role in self.roles])
 
     def white(self, residual: list[np.ndarray]) -> np.ndarray:

@@ -17,7 +17,7 @@ MEMORY = 0.02  # s, of half the disturbance; the other half is white
 
 @dataclass(frozen=True)
 class Axis:
-    """A machine, its encoder and what it is asked to do.
+    """A machine, its encoder and its moves.
 
     values          inertia, viscous, coulomb, idle torque
     step [s]; bandwidth [rad/s] of the speed loop
@@ -66,7 +66,7 @@ def loop_record(axis: Axis, seed: int, disturbance: float = 0.0, log_noise: floa
     """A record of random moves from point to point.
 
     disturbance, log_noise  root mean square over rated torque: behind the logged torque, and of the log alone
-    law, strength           what else brakes the motor, with its numbers, see `kernel`
+    law, strength           a further torque on the motor, with its parameters, see `kernel`
     """
     rng, n = np.random.default_rng([seed, 40503]), int(seconds / axis.step)
     speeds = _moves(axis, n, rng)
@@ -87,7 +87,7 @@ def loop_record(axis: Axis, seed: int, disturbance: float = 0.0, log_noise: floa
 
 
 def open_record(axis: Axis, seed: int) -> Experiment:
-    """A record of torque steps that nothing controls."""
+    """A record of torque steps in open loop."""
     rng, n = np.random.default_rng([seed, 40504]), int(SECONDS / axis.step)
     command = axis.rated * np.repeat(rng.uniform(-1.0, 1.0, n // 100 + 1), 100)[:n]
     controller = np.array([1.0, 0.0, 0.0, 1.0, np.inf, np.inf])

@@ -1,4 +1,4 @@
-"""A body that is moved along a sum of sines, and the torque which that takes: records that need no simulator."""
+"""A body moved along a sum of sines, and its torque in closed form: records without a simulator."""
 
 from __future__ import annotations
 
@@ -46,7 +46,7 @@ def swing(n=4000, step=STEP, parts=PARTS, offset=0.0) -> Swing:
 
 
 def torque_for(s: Swing, more=0.0) -> np.ndarray:
-    """(n,) that moves the body of TRUTH so; more: (n,) what brakes it besides."""
+    """(n,) torque that moves the body of TRUTH so; more: (n,) a further braking torque."""
     inertia, viscous, coulomb, idle = TRUTH.values()
     return inertia * s.acceleration + viscous * s.mean_speed + coulomb * s.side + idle + more
 

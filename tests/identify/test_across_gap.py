@@ -1,4 +1,4 @@
-"""The default fit where a gap is crossed: free runs confirm laws, begin another descent, and are a witness."""
+"""The default fit across a gap: free runs confirm laws, start another fit, and contribute to the interval."""
 
 from types import SimpleNamespace
 
@@ -6,13 +6,13 @@ import numpy as np
 import pytest
 
 from drivetool.drive import one_body, two_mass
-from drivetool.identify.laws import across_gap, foretold
-from drivetool.identify.laws.across_gap import confirmed, from_free_runs, was_confirmed
-from drivetool.identify.laws.candidates import Field
-from drivetool.identify.laws.explanation import spread
-from drivetool.identify.laws.judge import run_length
+from drivetool.identify.laws import across_gap, law_selection
+from drivetool.identify.laws.across_gap import laws_confirmed, optimum_confirmed, restart_from_free_runs
+from drivetool.identify.laws.candidates import CandidateSet
+from drivetool.identify.laws.explanation import parameter_uncertainty
+from drivetool.identify.laws.free_run_test import run_length
 from drivetool.identify.laws.laws import Law
-from drivetool.identify.motion.linear import BLOCKS
+from drivetool.identify.motion.linear import INFLUENCE_BLOCKS
 from drivetool.identify.problem.least_squares import solve
 from drivetool.identify.problem.problem import Normal, Point
 from drivetool.identify.setup.task import Outcome, Task
@@ -47,14 +47,14 @@ def test_free_runs_are_short_where_a_gap_acts_or_is_fitted(gap, free, seconds):
 def test_laws_are_confirmed_by_a_smaller_error_of_free_runs(ratio, straight, wanted):
     judge = SimpleNamespace(error=lambda point: float(point.values[0]), straight=lambda task: straight)
     without, with_them = outcome(0.0, [ratio, 0.0]), outcome(-1e6, [1.0, 0.0])
-    assert confirmed(judge, without, with_them) is wanted
+    assert laws_confirmed(judge, without, with_them) is wanted
 
 
 def sums_that_gain(much):
     """A stand-in for the sums of products: a parameter, and a law whose log likelihood gains so much."""
     told = np.sqrt(1.0 - np.exp(-2.0 * much / 1000.0))
     one = np.array([[1.0, 0.0, 0.0], [0.0, 1.0, told], [0.0, told, 1.0]])
-    return np.repeat(one[None], foretold.FOLDS, axis=0)
+    return np.repeat(one[None], law_selection.FOLDS, axis=0)
 
 
 @pytest.mark.parametrize("drive, gain, taken", [
@@ -62,10 +62,10 @@ def sums_that_gain(much):
     (two_mass().with_values({"shaft.half_gap": 0.01}), 32.0, False),
     (two_mass().with_values({"shaft.half_gap": 0.01}), 48.0, True)])
 def test_a_law_must_gain_more_across_a_gap(monkeypatch, drive, gain, taken):
-    monkeypatch.setattr(foretold, "_sums", lambda *_: sums_that_gain(gain))
+    monkeypatch.setattr(law_selection, "_sums", lambda *_: sums_that_gain(gain))
     law = Law("a law", (np.zeros((1, 1)),), "idle torque", body="motor")
     made = SimpleNamespace(drive=drive, free=("motor.inertia",), problem=lambda: SimpleNamespace(count=1000))
-    assert (foretold.foretold(made, None, None, [law])[0] == [law]) is taken
+    assert (law_selection.select_laws(made, None, None, [law])[0] == [law]) is taken
 
 
 @pytest.mark.parametrize("value, numbers, likelier, agree", [
@@ -78,7 +78,7 @@ def test_the_descent_from_free_runs_confirms_or_is_taken(monkeypatch, value, num
                                       "minus_log_likelihood_above_best": 0.0}])
     other = outcome(value, numbers, of=best.task)
     monkeypatch.setattr(across_gap, "near", lambda task, before: other)
-    found = from_free_runs(best, best.task)
+    found = restart_from_free_runs(best, best.task)
     assert found.fit.value == (value if likelier else 0.0) and (found.solution is other.solution) is likelier
     last = found.starts[-1]
     assert len(found.starts) == 2
@@ -92,7 +92,7 @@ def test_the_descent_from_free_runs_confirms_or_is_taken(monkeypatch, value, num
 def test_of_a_drive_with_more_free_the_search_says_nothing(monkeypatch, starts, ways):
     best = outcome(0.0, [1.0, 2.0], [{"way": "found", "minus_log_likelihood_above_best": 0.0, **s} for s in starts])
     monkeypatch.setattr(across_gap, "near", lambda task, before: outcome(90.0, [9.0, 9.0], of=best.task))
-    assert [s["way"] for s in from_free_runs(best, best.task).starts] == ways
+    assert [s["way"] for s in restart_from_free_runs(best, best.task).starts] == ways
 
 
 @pytest.mark.parametrize("starts, wanted", [
@@ -101,25 +101,25 @@ def test_of_a_drive_with_more_free_the_search_says_nothing(monkeypatch, starts, 
 def test_two_starts_confirm_a_place(starts, wanted):
     told = [{"minus_log_likelihood_above_best": behind} | ({} if far is None else {"apart": far})
             for behind, far in starts]
-    assert was_confirmed(outcome(0.0, [1.0, 2.0], told)) is wanted
+    assert optimum_confirmed(outcome(0.0, [1.0, 2.0], told)) is wanted
 
 
 def test_free_runs_are_the_one_witness_and_none_of_friction():
     made = task()
     rng = np.random.default_rng(1)
-    blocks = 1e-6 * rng.standard_normal((BLOCKS, 3))
+    blocks = 1e-6 * rng.standard_normal((INFLUENCE_BLOCKS, 3))
 
     def candidate(*own):
         return SimpleNamespace(own=np.array(own), influence=blocks, covariance=None, blocks=np.full(3, np.inf))
 
-    field = Field({"coloured, laws": candidate(1.0, 1.0, 1.0), "white, laws": candidate(3.0, 3.0, 3.0),
+    field = CandidateSet({"coloured, laws": candidate(1.0, 1.0, 1.0), "white, laws": candidate(3.0, 3.0, 3.0),
                    "free runs, laws": candidate(1.1, 1.1, 1.1)}, (), None, {}, made)
     errors = dict.fromkeys(field.candidates, 1.0)
-    structure = spread(field, errors, "coloured, laws", made.free)[1]
+    structure = parameter_uncertainty(field, errors, "coloured, laws", made.free)[1]
     np.testing.assert_allclose(structure, np.array([0.2, 0.0, 0.2]) / 1.96, rtol=1e-2, atol=1e-9)
     # Of free runs that err by far more nothing is believed.
     far = errors | {"free runs, laws": 2.5}
-    assert not spread(field, far, "coloured, laws", made.free)[1].any()
+    assert not parameter_uncertainty(field, far, "coloured, laws", made.free)[1].any()
 
 
 @pytest.mark.slow
@@ -178,6 +178,6 @@ class Kinked:
 @pytest.mark.parametrize("apart, reached", [(True, True), (False, False)])
 def test_a_trace_that_is_hard_to_start_does_not_hold_up_the_others(apart, reached):
     begin = Point(np.zeros(1), (np.zeros(1), np.ones(1)))
-    found = solve(Kinked(), begin, most=8, apart=apart)
+    found = solve(Kinked(), begin, max_iterations=8, keeps_worse=apart)
     assert bool(Kinked().costs(found.point)[0] < 1e-6) is reached
     assert found.cost < Kinked().cost(begin)

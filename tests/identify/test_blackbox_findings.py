@@ -7,7 +7,7 @@ import pytest
 
 from drivetool.drive import two_mass
 from drivetool.drive.simulation import Trace
-from drivetool.identify.blackbox.blackbox_findings import findings_of
+from drivetool.identify.blackbox.blackbox_findings import blackbox_findings
 from drivetool.identify.estimate.estimate import Parameter
 from drivetool.identify.setup.setup import roles_of
 from drivetool.identify.setup.task import Task
@@ -27,7 +27,8 @@ def codes(details=None, speed=SPEED, lines=(), noise=1e-3, step=STEP):
     record = Experiment("made", "0" * 64, step, 0.0, signals, ((0, 4000),))
     task = Task(DRIVE, (), roles_of([record], DRIVE), (record,))
     trace = Trace(TORQUE[:, None], measured[:, None], step)
-    return {f.code: f.severity for f in findings_of(task, lines, (), details or {}, [trace], [speed[:, None]])}
+    return {f.code: f.severity
+            for f in blackbox_findings(task, lines, (), details or {}, [trace], [speed[:, None]])}
 
 
 def resonance(hz):
@@ -40,12 +41,12 @@ def test_a_record_that_is_fit_for_it_gets_no_finding():
 
 @pytest.mark.parametrize(("hz", "step", "near"), [(20.0, STEP, False), (20.0, 0.02, True)])
 def test_a_resonance_above_a_third_of_the_sampling_rate(hz, step, near):
-    assert ("resonance-near-sampling-rate" in codes(resonance(hz), step=step)) == near
+    assert ("resonance-out-of-range" in codes(resonance(hz), step=step)) == near
 
 
 @pytest.mark.parametrize(("noise", "outside"), [(1e-3, False), (1.0, True)])
 def test_a_resonance_where_noise_is_larger_than_the_response(noise, outside):
-    assert ("resonance-outside-band" in codes(resonance(100.0), noise=noise)) == outside
+    assert ("resonance-out-of-range" in codes(resonance(100.0), noise=noise)) == outside
 
 
 def test_a_record_that_reverses():
@@ -57,7 +58,7 @@ def test_a_record_that_reverses():
 def test_a_damping_that_came_out_negative(upper, severity):
     """Surely below zero only where its whole interval is."""
     line = Parameter("shaft.damping", 0.0, "Nm s/rad", ci95=(-1.0, upper), status="at-bound", reason="is -1")
-    assert codes(lines=[line]) == {"damping-not-told": severity}
+    assert codes(lines=[line]) == {"negative-estimate": severity}
     assert codes(lines=[replace(line, status="fitted")]) == {}
 
 
@@ -65,4 +66,4 @@ def test_a_damping_that_came_out_negative(upper, severity):
 def test_a_coefficient_that_contradicts_the_conversion(b1, in_std, said):
     """By a tenth and by four standard deviations, not by one of them alone."""
     left = {"left_over": {"b1": b1, "b1_from_parameters": 1.0, "in_std": in_std}}
-    assert codes(left) == ({"conversion-left-over": "warning"} if said else {})
+    assert codes(left) == ({"residual-conversion-error": "warning"} if said else {})

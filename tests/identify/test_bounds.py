@@ -1,4 +1,4 @@
-"""What a parameter on its bound leaves open of the others."""
+"""Uncertainty of the others by a parameter on its bound."""
 
 from types import SimpleNamespace
 

@@ -1,4 +1,4 @@
-"""What differs between recordings of one machine: known, fitted anew, and the state in which each begins."""
+"""Parameters that differ between recordings of one machine: given or fitted, and their start states."""
 
 from dataclasses import replace
 from functools import cache
@@ -11,10 +11,10 @@ from drivetool.identify.greybox.estimator import greybox
 from drivetool.identify.problem.problem import Point
 from drivetool.identify.setup.by_record import as_recorded, shared_by_some
 from drivetool.identify.setup.options import Options
-from drivetool.identify.setup.setup import EVERY, first_point, problem_of, roles_of, traces_of
-from drivetool.identify.setup.start import Start
+from drivetool.identify.setup.setup import UNNAMED_RECORDINGS, first_point, problem_of, roles_of, traces_of
+from drivetool.identify.setup.start import KnownStart
 from drivetool.identify.setup.task import Task, has_gap
-from drivetool.logs import number_of
+from drivetool.logs import recording_number
 from tests.identify.loop import MACHINES, loop_record
 from tests.recover import experiment, reversing_record
 from tests.simulator.machine import Machine
@@ -28,10 +28,10 @@ def record(name, seed, seconds=6.0, **differing):
     values = {"inertia": 0.02, "viscous": 0.01, "coulomb": 0.3, "idle_torque": 0.05, **differing}
     machine = Machine(**{k: (v,) for k, v in values.items()}, rated_torque=4.0)
     noise = values["inertia"]  # of the sensor: the same in every recording, whatever speed the machine comes to
-    return named(reversing_record(machine, seed, seconds, speed_noise=noise)[0], name)
+    return renamed_record(reversing_record(machine, seed, seconds, speed_noise=noise)[0], name)
 
 
-def named(made, name):
+def renamed_record(made, name):
     return replace(made, name=name, sha256=name * 64)
 
 
@@ -40,14 +40,14 @@ def drive_of(values, names=NAMES, base=None):
     return drive.with_values({"motor.inertia": 0.03, **values})
 
 
-def told(estimate):
+def lines_of(estimate):
     return {p.name: p for p in estimate.parameters}
 
 
 def test_a_record_has_its_own_value_and_the_others_share_one():
     drive = drive_of({"motor.coulomb": 0.3, "motor.coulomb@b": 0.5, "motor.added_inertia@c": 0.01})
     free = ("motor.inertia", "motor.coulomb", "motor.coulomb@b")
-    seen = {n: as_recorded(drive, free, number_of(n * 64)) for n in (*NAMES, "z")}
+    seen = {n: as_recorded(drive, free, recording_number(n * 64)) for n in (*NAMES, "z")}
     assert [d.value("motor.coulomb") for d, _ in seen.values()] == [0.3, 0.5, 0.3, 0.3]
     assert [d.inertias() for d, _ in seen.values()] == [[0.03], [0.03], [0.04], [0.03]]
     assert seen["a"][1] == free and seen["b"][1].index("motor.coulomb") == 2
@@ -55,7 +55,7 @@ def test_a_record_has_its_own_value_and_the_others_share_one():
 
 def test_a_name_that_ends_like_another_is_another():
     drive = drive_of({"motor.coulomb@run@b": 0.9, "motor.coulomb": 0.3}, names=("b", "run@b"))
-    assert as_recorded(drive, (), number_of("b" * 64))[0].value("motor.coulomb") == 0.3
+    assert as_recorded(drive, (), recording_number("b" * 64))[0].value("motor.coulomb") == 0.3
 
 
 def test_a_gap_of_one_recording_opens_no_linear_drive():
@@ -102,13 +102,13 @@ def test_sensitivities_are_differences(base, more):
 def test_what_differs_is_found_and_what_is_shared_is_not_bent(criterion):
     records = [record("a", 1), record("b", 2, inertia=0.026), record("c", 3, coulomb=0.42)]
     drive = drive_of({"motor.added_inertia@b": 0.006, "motor.coulomb": 0.2, "motor.coulomb@c": 0.2})
-    found = told(greybox(records, drive, Options(criterion=criterion, free=("motor.coulomb@c",))))
+    found = lines_of(greybox(records, drive, Options(criterion=criterion, free=("motor.coulomb@c",))))
     true = {"motor.inertia": 0.02, "motor.coulomb": 0.3, "motor.coulomb@c": 0.42, "motor.viscous": 0.01}
     for name, value in true.items():
         assert abs(found[name].value - value) < max(4.0 * found[name].std, 0.002 * value), name
         assert found[name].std < 0.02 * value
     assert found["motor.added_inertia@b"].status == "held" and found["motor.added_inertia@b"].value == 0.006
-    bent = told(greybox(records, drive_of({}), Options(criterion=criterion)))
+    bent = lines_of(greybox(records, drive_of({}), Options(criterion=criterion)))
     assert abs(bent["motor.coulomb"].value - 0.3) > 0.01
 
 
@@ -117,13 +117,13 @@ def test_a_mass_that_is_added_is_weighed():
     """The payload of the second recording, with the inertia of the first."""
     records = [record("a", 1), record("b", 2, inertia=0.026)]
     drive = drive_of({"motor.added_inertia@b": 0.0})
-    line = told(greybox(records, drive, Options(free=("motor.added_inertia@b",))))["motor.added_inertia@b"]
+    line = lines_of(greybox(records, drive, Options(free=("motor.added_inertia@b",))))["motor.added_inertia@b"]
     assert abs(line.value - 0.006) < 4.0 * line.std and line.std < 1e-4
 
 
 def test_one_factor_on_all_friction():
     records = [record("a", 1), record("b", 2, viscous=0.013, coulomb=0.39)]
-    line = told(greybox(records, drive_of({"friction.factor@b": 1.0}), Options(free=("friction.factor@b",))))
+    line = lines_of(greybox(records, drive_of({"friction.factor@b": 1.0}), Options(free=("friction.factor@b",))))
     assert abs(line["friction.factor@b"].value - 1.3) < 4.0 * line["friction.factor@b"].std
     assert line["friction.factor@b"].std < 0.02
 
@@ -133,7 +133,7 @@ def test_a_value_that_every_recording_has_for_itself_is_no_unknown_of_all():
     drive = drive_of({"motor.coulomb@a": 0.1, "motor.coulomb@b": 0.1})
     assert shared_by_some(("motor.coulomb", "motor.inertia"), drive, records) == ("motor.inertia",)
     assert shared_by_some(("motor.coulomb",), drive, [*records, record("c", 3)]) == ("motor.coulomb",)
-    found = told(greybox(records, drive, Options(free=("motor.coulomb@a", "motor.coulomb@b"))))
+    found = lines_of(greybox(records, drive, Options(free=("motor.coulomb@a", "motor.coulomb@b"))))
     assert found["motor.coulomb@a"].value == pytest.approx(0.3, abs=4.0 * found["motor.coulomb@a"].std)
     assert found["motor.coulomb@b"].value == pytest.approx(0.42, abs=4.0 * found["motor.coulomb@b"].std)
 
@@ -144,10 +144,10 @@ def test_a_recording_that_tells_nothing_of_what_is_freed_in_it(criterion):
     """One way at one speed: dry friction and idle torque are one there."""
     rng = np.random.default_rng(3)
     speed = 5.0 + 1e-3 * rng.standard_normal(4000)
-    steady = named(experiment(np.full(4000, 0.4), speed), "b")
+    steady = renamed_record(experiment(np.full(4000, 0.4), speed), "b")
     drive = drive_of({"motor.inertia@b": 0.03})
     estimate = greybox([record("a", 1), steady], drive, Options(criterion=criterion, free=("motor.inertia@b",)))
-    line = told(estimate)["motor.inertia@b"]
+    line = lines_of(estimate)["motor.inertia@b"]
     said = [f.text for f in estimate.findings if f.code == "not-identifiable"]
     assert line.status == "not-identifiable" and line.std is None
     assert len(said) == 1 and "motor.inertia@b" in said[0]
@@ -160,23 +160,24 @@ def test_every_recording_begins_in_its_own_state():
     later = replace(whole.between(2.0, 6.0), name="b", sha256="b" * 64)
     assert abs(later.signals["motor_speed"][0]) > 1.0
     drive = drive_of({})
-    each = {number_of("b" * 64): Start()}
-    one = greybox([whole, later], drive, Options(start=Start(rest=True, records=each)))
-    wrong = greybox([whole, later], drive, Options(start=Start(rest=True)))
-    line = told(one)["motor.inertia"]
+    each = {recording_number("b" * 64): KnownStart()}
+    one = greybox([whole, later], drive, Options(start=KnownStart(rest=True, records=each)))
+    wrong = greybox([whole, later], drive, Options(start=KnownStart(rest=True)))
+    line = lines_of(one)["motor.inertia"]
     assert abs(line.value - 0.02) < 4.0 * line.std
-    assert "start-contradicted" in {f.code for f in wrong.findings} - {f.code for f in one.findings}
+    assert "held-value-rejected" in {f.code for f in wrong.findings} - {f.code for f in one.findings}
     assert one.details["known_start"] == {"motor.speed": 0.0, "b": {}}
-    begun = {number_of("b" * 64): Start(states={"motor.speed": float(later.signals["motor_speed"][0])})}
-    given = greybox([whole, later], drive, Options(start=Start(records=begun)))
-    assert "start-contradicted" not in {f.code for f in given.findings}
+    begun = {recording_number("b" * 64): KnownStart(states={"motor.speed": float(later.signals["motor_speed"][0])})}
+    given = greybox([whole, later], drive, Options(start=KnownStart(records=begun)))
+    assert "held-value-rejected" not in {f.code for f in given.findings}
 
 
 def test_a_trace_takes_the_state_of_its_recording():
     records = [record("a", 1, 0.5), record("b", 2, 0.5)]
     drive = drive_of({})
     roles = roles_of(records, drive)
-    traces = traces_of(records, roles, 0.0, {EVERY: {"motor.speed": 0.0}, records[1].number: {"motor.speed": 2.0}})
+    traces = traces_of(records, roles, 0.0,
+                       {UNNAMED_RECORDINGS: {"motor.speed": 0.0}, records[1].number: {"motor.speed": 2.0}})
     problem = problem_of(drive, ("motor.inertia",), roles, traces)
     starts = first_point(drive, problem, roles).starts
     assert [s[0] for s in starts] == [0.0, 2.0] and isinstance(Point(np.zeros(1), starts), Point)
@@ -186,9 +187,9 @@ def test_a_trace_takes_the_state_of_its_recording():
 def test_an_axis_with_instruments_and_another_load():
     """The inverse fit with the reference, a known inertia on the second recording."""
     heavy = replace(AXIS, values=(1.5 * AXIS.values[0], *AXIS.values[1:]))
-    records = [named(loop_record(AXIS, 1, 0.01), "a"), named(loop_record(heavy, 2, 0.01), "b")]
+    records = [renamed_record(loop_record(AXIS, 1, 0.01), "a"), renamed_record(loop_record(heavy, 2, 0.01), "b")]
     drive = drive_of({"motor.added_inertia@b": 0.5 * AXIS.values[0]}, base=AXIS.start)
-    found = told(greybox(records, drive, Options(criterion="inverse")))
+    found = lines_of(greybox(records, drive, Options(criterion="inverse")))
     for name, true in AXIS.truth.items():
         assert abs(found[name].value - true) < 4.0 * found[name].std, name
     assert found["motor.inertia"].std < 0.01 * AXIS.values[0]

@@ -1,4 +1,4 @@
-"""Recordings with a body clamped: first values without a start file, joint fits, and what contradicts the clamp."""
+"""Recordings with a body clamped: start values without a file, joint fits, and contradictions of the clamp."""
 
 from dataclasses import replace
 
@@ -8,7 +8,14 @@ import pytest
 from drivetool.drive import two_mass
 from drivetool.drive.chain import three_mass, vehicle
 from drivetool.errors import BadOption, BadParameters, BadRecording
-from drivetool.identify.greybox.clamped import GIVES_WAY, MOVES, TURNS, check_clamped, swing_of, with_first_values
+from drivetool.identify.greybox.clamped import (
+    MAX_CLAMP_MOTION,
+    MAX_CLAMPED_NOISE_RATIO,
+    MAX_MEAN_OVER_RMS,
+    check_clamped,
+    swing_of,
+    with_start_values_from_clamped,
+)
 from drivetool.identify.greybox.estimator import default_free, greybox
 from drivetool.identify.setup.options import Options
 from drivetool.identify.setup.setup import problem_of, roles_of, traces_of
@@ -27,7 +34,7 @@ def clamped(drive=None, body="wheels"):
 
 def test_a_clamped_record_needs_no_first_values():
     """Frequency within the grid of twelfths of an octave, the inertia within what that leaves."""
-    found = with_first_values(clamped(), [HELD])
+    found = with_start_values_from_clamped(clamped(), [HELD])
     assert found.value("shaft.stiffness") == pytest.approx(BUS["shaft.stiffness"], rel=0.2)
     assert found.value("motor.inertia") == pytest.approx(BUS["motor.inertia"], rel=0.2)
     assert found.value("wheels.inertia") == 22.1  # what is known stays
@@ -35,14 +42,14 @@ def test_a_clamped_record_needs_no_first_values():
 
 def test_what_is_given_stays_and_a_drive_without_a_clamp_is_left_alone():
     given = clamped().with_values({"motor.inertia": 4.2, "shaft.stiffness": 1.4e6, "shaft.damping": 3000.0})
-    assert with_first_values(given, [HELD]) == given
-    assert with_first_values(bus_drive(), [HELD]) == bus_drive()
+    assert with_start_values_from_clamped(given, [HELD]) == given
+    assert with_start_values_from_clamped(bus_drive(), [HELD]) == bus_drive()
 
 
 def test_without_a_start_the_load_follows_from_what_it_accelerates_with():
     drive = replace(two_mass(), records={"held.parquet": HELD.sha256}).with_values(
         {"load.clamped@held.parquet": 1.0, "shaft.ratio": 8.79})
-    found = with_first_values(drive, [HELD, ROLLING])
+    found = with_start_values_from_clamped(drive, [HELD, ROLLING])
     assert found.value("load.inertia") == pytest.approx(22.1 + 12350.0 * 0.45**2, rel=0.2)
 
 
@@ -70,7 +77,7 @@ def test_clamped_and_rolling_in_one_fit():
 
 
 def test_a_clamped_body_has_no_start_speed_to_fit():
-    drive = with_first_values(clamped(), [HELD])
+    drive = with_start_values_from_clamped(clamped(), [HELD])
     roles = roles_of([HELD, ROLLING], drive)
     problem = problem_of(drive, ("motor.inertia",), roles, traces_of([HELD, ROLLING], roles))
     assert [dict(t.start) for t in problem.traces] == [{"wheels.speed": 0.0}, {}]
@@ -107,7 +114,7 @@ SWING = np.sin(np.arange(HELD.size) / 7.0)
 @pytest.mark.parametrize("share, stands", [(0.0, True), (0.3, True), (0.9, False), (3.0, False)])
 def test_a_motor_that_turns_on_is_not_clamped_behind_its_shaft(share, stands):
     """share: mean speed over the rms of the swing; 0.9 is a mean of 0.67 of the rms of both."""
-    assert TURNS == 0.5
+    assert MAX_MEAN_OVER_RMS == 0.5
     record = moving(SWING + share * SWING.std())
     if stands:
         check_clamped(record, vehicle(), "wheels")
@@ -118,14 +125,14 @@ def test_a_motor_that_turns_on_is_not_clamped_behind_its_shaft(share, stands):
 
 def test_a_noisy_sensor_does_not_refute_a_clamp():
     """Five times as much noise as the limit of the motion behind the gear."""
-    noise = white_noise(HELD.size, 5.0 * GIVES_WAY * float(SWING.std()) / 8.79, 11)
+    noise = white_noise(HELD.size, 5.0 * MAX_CLAMP_MOTION * float(SWING.std()) / 8.79, 11)
     record = replace(moving(SWING), signals={**moving(SWING).signals, "wheels_speed": noise})
     check_clamped(record, bus_drive(), "wheels")
 
 
 @pytest.mark.parametrize("share, stands", [(0.03, True), (0.09, False)])
 def test_a_sensor_of_the_clamped_body_is_asked_first(share, stands):
-    assert GIVES_WAY == 0.05
+    assert MAX_CLAMP_MOTION == 0.05
     record = moving(SWING, share * SWING)
     if stands:
         check_clamped(record, two_mass(), "load")
@@ -137,7 +144,7 @@ def test_a_sensor_of_the_clamped_body_is_asked_first(share, stands):
 def test_a_clamped_motor_may_not_swing():
     with pytest.raises(BadRecording, match="it swings by"):
         check_clamped(moving(SWING), two_mass(), "motor")
-    assert MOVES == 3.0
+    assert MAX_CLAMPED_NOISE_RATIO == 3.0
     for size, stands in ((2.5, True), (4.5, False)):  # over the noise; halved or doubled, one of them turns over
         record = moving(white_noise(HELD.size, 0.01, 3) + 0.01 * size * SWING / SWING.std())
         if stands:
@@ -159,4 +166,4 @@ def test_a_clamp_is_a_choice_and_no_number():
     with pytest.raises(BadParameters, match="0 or 1"):
         clamped().with_values({"wheels.clamped": 0.5})
     with pytest.raises(BadOption, match="0 or 1"):
-        greybox([HELD], with_first_values(clamped(), [HELD]), Options(free=("wheels.clamped",)))
+        greybox([HELD], with_start_values_from_clamped(clamped(), [HELD]), Options(free=("wheels.clamped",)))

@@ -1,4 +1,4 @@
-"""A run-down without torque tells ratios, and inertia and friction once anything fixes the scale of torques."""
+"""A coast-down identifies ratios, and inertia and friction once anything fixes the scale of torques."""
 
 from __future__ import annotations
 
@@ -10,12 +10,12 @@ from scipy.stats import binom
 
 from drivetool.drive import one_body, two_mass
 from drivetool.errors import BadOption, DriveToolError, NotEnoughData
-from drivetool.identify.coast_down import run_down_fit as fitting
+from drivetool.identify.coast_down import coast_down_fit as fitting
 from drivetool.identify.coast_down.readings import reading_of
 from drivetool.identify.coast_down.stretches import stretches_of
 from drivetool.identify.estimate.estimate import Covariance
 from drivetool.identify.setup.options import Options
-from drivetool.identify.setup.start import Start
+from drivetool.identify.setup.start import KnownStart
 from drivetool.identify.steady.estimator import steady
 from tests.coasting import RPM, STEP, Motor, counts, driven_then_off, motion, recording, run_down
 
@@ -23,10 +23,10 @@ PAPER = Motor()
 RATIOS = {"viscous_over_inertia": PAPER.viscous / PAPER.inertia,
           "coulomb_over_inertia": PAPER.coulomb / PAPER.inertia}
 VALUES = {"motor.inertia": PAPER.inertia, "motor.viscous": PAPER.viscous, "motor.coulomb": PAPER.coulomb}
-HOW = Options(method="coast-down")
+COAST_DOWN = Options(method="coast-down")
 
 
-def told(estimate, names):
+def intervals_of(estimate, names):
     """(value, std, inside the interval) of parameters or ratios."""
     lines = {p.name: p for p in (*estimate.parameters, *estimate.ratios)}
     return {n: (lines[n].value, lines[n].std, lines[n].ci95[0] <= truth <= lines[n].ci95[1])
@@ -39,13 +39,13 @@ def codes(estimate):
 
 def test_the_run_down_of_the_paper_tells_both_ratios_and_nothing_else():
     estimate = steady([run_down(1)], one_body(), Options())
-    for name, (value, std, _) in told(estimate, RATIOS).items():
+    for name, (value, std, _) in intervals_of(estimate, RATIOS).items():
         assert value == pytest.approx(RATIOS[name], rel=2e-4)
         assert 1.96 * std < 2e-4 * value
     assert all(p.std is None and p.status == "not-identifiable" for p in estimate.parameters)
     assert estimate.covariance is None
-    assert {"ratios-only", "switched-off-assumed", "coast-down-found"} <= codes(estimate)
-    assert "friction-law-incomplete" not in codes(estimate)
+    assert {"ratios-only", "coast-down-assumed"} <= codes(estimate)
+    assert "nonlinear-friction" not in codes(estimate)
 
 
 @pytest.mark.parametrize("n", [pytest.param(200, marks=pytest.mark.slow), 12])
@@ -56,7 +56,7 @@ def test_intervals_of_ratios_hold(n):
     for seed in range(n):
         first = int(rng.integers(0, 400))  # the phase of the counts, and the speed at which they begin
         e = recording(seed, motor_angle=counts(angle[first:], 100 + seed))
-        found.append(told(steady([e], one_body(), HOW), RATIOS))
+        found.append(intervals_of(steady([e], one_body(), COAST_DOWN), RATIOS))
     for name in RATIOS:
         held = sum(f[name][2] for f in found)
         assert binom.cdf(held, n, 0.92) > 0.005, (name, held, n)
@@ -67,16 +67,16 @@ def test_intervals_of_ratios_hold(n):
 
 @pytest.mark.parametrize("seed", [1, 2, 3])
 def test_a_stretch_under_torque_gives_the_scale(seed):
-    estimate = steady([driven_then_off(seed)], one_body(), HOW)
-    for name, (value, std, _) in told(estimate, VALUES).items():
+    estimate = steady([driven_then_off(seed)], one_body(), COAST_DOWN)
+    for name, (value, std, _) in intervals_of(estimate, VALUES).items():
         assert value == pytest.approx(VALUES[name], rel=5e-4)
         assert abs(value - VALUES[name]) < 3.5 * std
     assert estimate.covariance.names == tuple(VALUES)
-    assert not {"ratios-only", "switched-off-assumed", "friction-law-incomplete"} & codes(estimate)
+    assert not {"ratios-only", "coast-down-assumed", "nonlinear-friction"} & codes(estimate)
 
 
 def test_a_torque_scale_wrong_by_one_per_cent_is_one_per_cent_of_the_inertia():
-    found = [told(steady([driven_then_off(1, scale)], one_body(), HOW), VALUES)["motor.inertia"][0]
+    found = [intervals_of(steady([driven_then_off(1, scale)], one_body(), COAST_DOWN), VALUES)["motor.inertia"][0]
              for scale in (1.0, 1.01)]
     assert found[1] / found[0] == pytest.approx(1.01, rel=1e-4)
 
@@ -86,7 +86,7 @@ def test_a_known_added_inertia_gives_the_scale():
     plain, loaded = run_down(1), run_down(2, replace(PAPER, inertia=PAPER.inertia + added))
     drive = replace(one_body(), records={loaded.name: loaded.sha256}).with_values(
         {f"motor.added_inertia@{loaded.name}": added})
-    for name, (value, std, _) in told(steady([plain, loaded], drive, HOW), VALUES).items():
+    for name, (value, std, _) in intervals_of(steady([plain, loaded], drive, COAST_DOWN), VALUES).items():
         assert value == pytest.approx(VALUES[name], rel=5e-4)
         assert abs(value - VALUES[name]) < 3.5 * std
 
@@ -97,7 +97,7 @@ def test_an_unknown_added_inertia_is_a_ratio():
     plain, loaded = run_down(1), run_down(2, replace(PAPER, inertia=PAPER.inertia + added))
     name = f"motor.added_inertia@{loaded.name}"
     drive = replace(one_body(), records={loaded.name: loaded.sha256}).with_values({name: 1e-5})
-    estimate = steady([plain, loaded], drive, replace(HOW, free=(name,)))
+    estimate = steady([plain, loaded], drive, replace(COAST_DOWN, free=(name,)))
     (line,) = (p for p in estimate.ratios if p.name.startswith("added_inertia"))
     assert abs(line.value - added / PAPER.inertia) < 3.0 * line.std
     assert line.std < 1e-4 * line.value
@@ -109,7 +109,7 @@ def test_an_unknown_added_inertia_is_a_ratio():
 def test_what_is_held_gives_the_scale(name):
     drive = one_body().with_values({name: VALUES[name]})
     others = {n: v for n, v in VALUES.items() if n != name}
-    found = told(steady([run_down(1)], drive, replace(HOW, hold=(name,))), others)
+    found = intervals_of(steady([run_down(1)], drive, replace(COAST_DOWN, hold=(name,))), others)
     for other, (value, std, _) in found.items():
         assert abs(value - VALUES[other]) < 3.5 * std and std < 1e-4 * value
 
@@ -117,7 +117,8 @@ def test_what_is_held_gives_the_scale(name):
 def test_a_friction_by_its_file_gives_the_scale_with_its_uncertainty():
     drive, std = one_body().with_values({"motor.coulomb": PAPER.coulomb}), 0.03 * PAPER.coulomb
     known = Covariance(("motor.coulomb",), np.array([[std**2]]))
-    value, found, held = told(steady([run_down(1)], drive, replace(HOW, known=known)), VALUES)["motor.inertia"]
+    value, found, held = intervals_of(
+        steady([run_down(1)], drive, replace(COAST_DOWN, known=known)), VALUES)["motor.inertia"]
     assert found / value == pytest.approx(0.03, rel=0.01)
     assert held
 
@@ -125,13 +126,13 @@ def test_a_friction_by_its_file_gives_the_scale_with_its_uncertainty():
 def test_an_idle_torque_by_its_file_is_no_scale_in_one_direction():
     drive = one_body().with_values({"motor.idle_torque": 0.01})
     known = Covariance(("motor.idle_torque",), np.array([[1e-8]]))
-    estimate = steady([run_down(1)], drive, replace(HOW, known=known))
+    estimate = steady([run_down(1)], drive, replace(COAST_DOWN, known=known))
     assert all(p.std is None for p in estimate.parameters) and "ratios-only" in codes(estimate)
 
 
 def test_a_held_inertia_of_two_bodies_is_the_scale():
     drive = two_mass().with_values({"motor.inertia": 5e-5, "load.inertia": PAPER.inertia - 5e-5})
-    estimate = steady([run_down(1)], drive, replace(HOW, hold=("load.inertia",)))
+    estimate = steady([run_down(1)], drive, replace(COAST_DOWN, hold=("load.inertia",)))
     lines = {p.name: p for p in estimate.parameters}
     assert abs(lines["total.viscous"].value - PAPER.viscous) < 3.5 * lines["total.viscous"].std
     assert abs(lines["motor.coulomb"].value - PAPER.coulomb) < 3.5 * lines["motor.coulomb"].std
@@ -141,23 +142,23 @@ def test_a_held_inertia_of_two_bodies_is_the_scale():
 def test_the_figures_of_the_fit_are_those_of_the_noise():
     _, speed = motion(PAPER, lambda t: 0.0, 2000 * RPM, 80 * RPM, 5.0)
     e = recording(1, motor_speed=speed + np.random.default_rng(2).normal(0.0, 0.2, len(speed)))
-    figures = steady([e], one_body(), HOW).fit
+    figures = steady([e], one_body(), COAST_DOWN).fit
     assert figures["rmse"] == pytest.approx(0.2, rel=0.02)
     assert figures["simulation_fit_percent"] == pytest.approx(100.0 * (1.0 - 0.2 / np.std(speed)), abs=0.02)
     assert figures["chi2"] / figures["chi2_dof"] == pytest.approx(1.0, abs=0.05)
 
 
-@pytest.mark.parametrize("change", [{"flux_decay": 0.1, "method": "speeds"}, {"start": Start(rest=True)}])
+@pytest.mark.parametrize("change", [{"flux_decay": 0.1, "method": "speeds"}, {"start": KnownStart(rest=True)}])
 def test_what_the_step_does_not_take_is_refused(change):
     with pytest.raises(BadOption):
-        steady([driven_then_off(1)], one_body(), replace(HOW, **change))
+        steady([driven_then_off(1)], one_body(), replace(COAST_DOWN, **change))
 
 
 def test_a_start_value_of_the_inertia_is_no_scale():
     for start in (1e-5, 1e-3):
-        estimate = steady([run_down(1)], one_body().with_values({"motor.inertia": start}), HOW)
+        estimate = steady([run_down(1)], one_body().with_values({"motor.inertia": start}), COAST_DOWN)
         assert all(p.std is None for p in estimate.parameters)
-        assert told(estimate, RATIOS)["viscous_over_inertia"][0] == pytest.approx(1.23327, rel=1e-4)
+        assert intervals_of(estimate, RATIOS)["viscous_over_inertia"][0] == pytest.approx(1.23327, rel=1e-4)
 
 
 @pytest.mark.parametrize("pulses", [1000, 4000])
@@ -167,7 +168,7 @@ def test_to_standstill_and_backwards(pulses):
     angle = np.concatenate([angle, np.full(8000, angle[-1])])
     for sign in (1.0, -1.0):
         e = recording(1, motor_angle=counts(sign * angle, 5, pulses), motor_torque=np.zeros(len(angle)))
-        for value, std, _ in (found := told(steady([e], one_body(), Options()), RATIOS)).values():
+        for value, std, _ in (found := intervals_of(steady([e], one_body(), Options()), RATIOS)).values():
             assert std < 1e-4 * value
         for name, (value, std, _) in found.items():
             assert abs(value - RATIOS[name]) < 3.5 * std, (sign, name)
@@ -180,18 +181,18 @@ def test_both_directions_tell_the_idle_torque():
     both = [recording(k, f"{k}.parquet", motor_angle=counts(s * a, k)) for k, (s, a) in
             enumerate(zip((1.0, -1.0), angles, strict=True), 1)]
     ratios = RATIOS | {"idle_torque_over_inertia": idle / PAPER.inertia}
-    for name, (value, std, _) in told(steady(both, one_body(), HOW), ratios).items():
+    for name, (value, std, _) in intervals_of(steady(both, one_body(), COAST_DOWN), ratios).items():
         assert abs(value - ratios[name]) < 3.5 * std, name
 
 
 def test_of_two_bodies_the_whole_runs_down():
     drive = two_mass().with_values({"motor.inertia": 5e-5})
-    estimate = steady([driven_then_off(1)], drive, HOW)
+    estimate = steady([driven_then_off(1)], drive, COAST_DOWN)
     values = {p.name: p.value for p in estimate.parameters}
     assert values["load.inertia"] == pytest.approx(PAPER.inertia - 5e-5, rel=1e-3)
     assert estimate.drive.values["total.viscous"] == pytest.approx(PAPER.viscous, rel=1e-3)
-    ratios = steady([run_down(1)], two_mass(), HOW)
-    assert told(ratios, RATIOS)["coulomb_over_inertia"][0] == pytest.approx(148.55, rel=1e-4)
+    ratios = steady([run_down(1)], two_mass(), COAST_DOWN)
+    assert intervals_of(ratios, RATIOS)["coulomb_over_inertia"][0] == pytest.approx(148.55, rel=1e-4)
     assert "load.inertia" not in ratios.drive.values
 
 
@@ -201,7 +202,7 @@ def test_of_two_bodies_the_whole_runs_down():
 def test_a_speed_is_read_too(make):
     _, speed = motion(PAPER, lambda t: 0.0, 2000 * RPM, 80 * RPM, 5.0)
     e = recording(1, step=20 * STEP, motor_speed=make(speed, np.random.default_rng(2)))
-    for name, (value, std, _) in told(steady([e], one_body(), HOW), RATIOS).items():
+    for name, (value, std, _) in intervals_of(steady([e], one_body(), COAST_DOWN), RATIOS).items():
         assert abs(value - RATIOS[name]) < max(3.5 * std, 1e-6 * value), name
 
 
@@ -214,19 +215,19 @@ def test_an_encoder_that_errs_beyond_its_counts_is_said_and_widens_the_intervals
         edges = np.arange(int(angle[-1] / width) + 2) * width
         edges = edges + np.random.default_rng(seed).normal(0.0, 0.1 * width, len(edges))
         e = recording(seed, motor_angle=(np.searchsorted(edges, angle, "right") - 1.0) * width)
-        estimate = steady([e], one_body(), HOW)
+        estimate = steady([e], one_body(), COAST_DOWN)
         (sensor,) = estimate.details["sensor"]
         assert sensor["error_beyond_counts"] == pytest.approx(0.1 * width, rel=0.1)
-        found.append(told(estimate, RATIOS))
+        found.append(intervals_of(estimate, RATIOS))
     assert sum(f["coulomb_over_inertia"][2] for f in found) >= 9
 
 
 @pytest.mark.slow
 def test_a_friction_of_another_law_is_said():
-    estimate = steady([run_down(1, replace(PAPER, drag=1e-8))], one_body(), HOW)
-    assert "friction-law-incomplete" in codes(estimate)
-    mended = steady([run_down(1, replace(PAPER, drag=1e-8))], one_body(), replace(HOW, free=("motor.drag",)))
-    assert "friction-law-incomplete" not in codes(mended)
+    estimate = steady([run_down(1, replace(PAPER, drag=1e-8))], one_body(), COAST_DOWN)
+    assert "nonlinear-friction" in codes(estimate)
+    mended = steady([run_down(1, replace(PAPER, drag=1e-8))], one_body(), replace(COAST_DOWN, free=("motor.drag",)))
+    assert "nonlinear-friction" not in codes(mended)
     (line,) = (p for p in mended.ratios if p.name == "drag_over_inertia")
     assert abs(line.value - 1e-8 / PAPER.inertia) < 3.5 * line.std
 
@@ -234,18 +235,18 @@ def test_a_friction_of_another_law_is_said():
 @pytest.mark.slow
 def test_run_downs_of_a_drive_that_warms_up_differ_and_the_interval_is_of_their_mean():
     runs = [run_down(k, replace(PAPER, viscous=PAPER.viscous * (1.0 - 0.01 * k))) for k in range(4)]
-    estimate = steady(runs, one_body(), HOW)
-    (finding,) = (f for f in estimate.findings if f.code == "run-downs-differ")
+    estimate = steady(runs, one_body(), COAST_DOWN)
+    (finding,) = (f for f in estimate.findings if f.code == "scatter-beyond-noise")
     assert finding.evidence["viscous"] == pytest.approx(-3.0, abs=0.1)
     # All friction at the median speed, of which viscous friction is a part.
     median = float(np.median(motion(PAPER, lambda t: 0.0, 2240 * RPM, 80 * RPM, 5.0)[1]))
     part = PAPER.viscous * median / (PAPER.viscous * median + PAPER.coulomb)
     assert finding.evidence["together"] == pytest.approx(-3.0 * part, rel=0.2)
-    value, std, held = told(estimate, {"viscous_over_inertia": RATIOS["viscous_over_inertia"] * 0.985})[
+    value, std, held = intervals_of(estimate, {"viscous_over_inertia": RATIOS["viscous_over_inertia"] * 0.985})[
         "viscous_over_inertia"]
     assert held and std / value == pytest.approx(0.0065, rel=0.1)
-    alike = steady([run_down(k) for k in range(4)], one_body(), HOW)
-    assert "run-downs-differ" not in codes(alike)
+    alike = steady([run_down(k) for k in range(4)], one_body(), COAST_DOWN)
+    assert "scatter-beyond-noise" not in codes(alike)
 
 
 @pytest.mark.slow
@@ -282,23 +283,23 @@ def test_a_noisy_torque_is_off_where_it_is_no_more_than_noise():
     noisy = replace(e, signals={**e.signals, "motor_torque": torque})
     assert [(s.first, s.last, s.off) for s in stretches_of([noisy], 0.0)] == [
         (s.first, s.last, s.off) for s in stretches_of([e], 0.0)]
-    for name, (value, _, _) in told(steady([noisy], one_body(), HOW), VALUES).items():
+    for name, (value, _, _) in intervals_of(steady([noisy], one_body(), COAST_DOWN), VALUES).items():
         assert value == pytest.approx(VALUES[name], rel=5e-3)
 
 
 @pytest.mark.parametrize(("signals", "says"), [
     ({"motor_angle": np.floor(np.arange(8000) * 0.8) * 1e-2, "motor_torque": np.full(8000, 0.1)}, "without torque"),
-    ({"motor_angle": np.floor(np.arange(8000) * 0.8) * 1e-2}, "runs down"),
-    ({"motor_angle": np.zeros(8000)}, "runs down"),
+    ({"motor_angle": np.floor(np.arange(8000) * 0.8) * 1e-2}, "coasts down"),
+    ({"motor_angle": np.zeros(8000)}, "coasts down"),
     ({"motor_angle": np.floor(np.sqrt(np.arange(8000.0)) / 8.0) * 1e-2, "motor_torque": np.zeros(8000)},
      "20 counts")])
 def test_what_is_no_run_down_is_refused_with_what_to_record(signals, says):
     with pytest.raises(DriveToolError, match=says) as caught:
-        steady([recording(1, **signals)], one_body(), HOW)
+        steady([recording(1, **signals)], one_body(), COAST_DOWN)
     assert "ecord" in str(caught.value)
 
 
-BREAKAWAY = replace(HOW, free=("motor.breakaway", "motor.breakaway_speed"))
+BREAKAWAY = replace(COAST_DOWN, free=("motor.breakaway", "motor.breakaway_speed"))
 
 
 def to_standstill(speed, seed):
@@ -315,11 +316,11 @@ def test_breakaway_in_a_run_down_to_standstill(speed, seed):
     estimate = steady([to_standstill(speed, seed)], one_body(), BREAKAWAY)
     surplus = 0.5 * PAPER.coulomb / PAPER.inertia
     truths = RATIOS | {"breakaway_over_inertia": surplus, "motor.breakaway_speed": speed}
-    for name, (value, std, _) in (found := told(estimate, truths)).items():
+    for name, (value, std, _) in (found := intervals_of(estimate, truths)).items():
         assert abs(value - truths[name]) < 3.5 * std, name
     assert found["breakaway_over_inertia"][0] == pytest.approx(surplus, rel=0.02)
     assert found["motor.breakaway_speed"][0] == pytest.approx(speed, rel=0.01)
-    assert "friction-law-incomplete" not in codes(estimate)
+    assert "nonlinear-friction" not in codes(estimate)
 
 
 @pytest.mark.slow
@@ -330,21 +331,21 @@ def test_a_breakaway_that_a_run_down_hardly_meets_is_not_told(speed):
     assert not any(p.name.startswith("breakaway") for p in estimate.ratios)
     (line,) = (p for p in estimate.parameters if p.name == "motor.breakaway_speed")
     assert line.std is None and line.status == "not-identifiable"
-    for name, (value, std, _) in told(estimate, RATIOS).items():
+    for name, (value, std, _) in intervals_of(estimate, RATIOS).items():
         assert abs(value - RATIOS[name]) < 3.5 * std
 
 
 @pytest.mark.slow
 def test_a_run_down_with_breakaway_fitted_without_it_is_said():
-    estimate = steady([to_standstill(5.0, 1)], one_body(), HOW)
-    assert "friction-law-incomplete" in codes(estimate)
+    estimate = steady([to_standstill(5.0, 1)], one_body(), COAST_DOWN)
+    assert "nonlinear-friction" in codes(estimate)
 
 
 @pytest.mark.parametrize("factor", [0.5, 2.0])
 def test_half_and_double_of_a_count_per_sample_as_its_error_is_wrong(monkeypatch, factor):
-    monkeypatch.setattr("drivetool.identify.coast_down.readings.UNIFORM", factor / np.sqrt(12.0))
+    monkeypatch.setattr("drivetool.identify.coast_down.readings.UNIFORM_STD", factor / np.sqrt(12.0))
     e = run_down(1)
     begun = one_body().with_values({"motor.inertia": 1.0, "motor.viscous": 1.2, "motor.coulomb": 148.0})
     run = fitting.Run(reading_of(e, 0, e.size), np.zeros((e.size, 1)), 0, "a", 0.0, {})
-    found = fitting.fit(begun, ("motor.viscous", "motor.coulomb"), [run], fitting.NOTHING)
+    found = fitting.fit(begun, ("motor.viscous", "motor.coulomb"), [run], fitting.NO_PRIOR)
     assert not 0.9 < found.chi_square / found.dof < 1.1 or found.readings[0].error > 1e-4

@@ -16,7 +16,7 @@ from tests.coasting import RPM, Motor, counts, driven_then_off, motion, recordin
 
 PAPER = Motor()
 PRINTED = tuple((a * RPM, b * RPM) for a, b in ((1600, 750), (750, 300), (300, 80)))
-HOW = Options(method="coast-down", stages=PRINTED[:2])
+STAGED = Options(method="coast-down", stages=PRINTED[:2])
 NAMES = ("viscous_over_inertia", "coulomb_over_inertia")
 
 
@@ -24,7 +24,7 @@ def ratios(estimate):
     return {p.name: p for p in estimate.ratios}
 
 
-def told(estimate):
+def staged_fit_finding(estimate):
     (finding,) = (f for f in estimate.findings if f.code == "staged-fit")
     return finding
 
@@ -39,14 +39,14 @@ def effective(high, low, coulomb=0.0):
 
 
 def test_without_coulomb_friction_in_the_first_window_viscous_friction_is_twice_what_it_is():
-    joint, staged = (steady([run_down(1)], one_body(), how) for how in (replace(HOW, stages=()), HOW))
+    joint, staged = (steady([run_down(1)], one_body(), how) for how in (replace(STAGED, stages=()), STAGED))
     old, new = ratios(joint), ratios(staged)
     truth = PAPER.viscous / PAPER.inertia
     assert new[NAMES[0]].value == pytest.approx(effective(*PRINTED[0]), rel=0.05)
     assert new[NAMES[0]].value == pytest.approx(2.0 * truth, rel=0.02)
     assert new[NAMES[1]].value < 0.6 * PAPER.coulomb / PAPER.inertia
     assert all(p.std is None and "staged" in p.reason for p in new.values())
-    finding = told(staged)
+    finding = staged_fit_finding(staged)
     assert finding.severity == "warning" and "left out" in finding.text and "0.72 to 1.53" in finding.text
     for name in NAMES:
         away = (new[name].value - old[name].value) / old[name].std
@@ -60,20 +60,20 @@ def test_without_coulomb_friction_in_the_first_window_viscous_friction_is_twice_
 @pytest.mark.parametrize("share", [1.0, 0.9])
 def test_a_known_coulomb_friction_takes_its_own_error_into_the_viscous_one(share):
     drive = one_body().with_values({"motor.inertia": PAPER.inertia, "motor.coulomb": share * PAPER.coulomb})
-    staged = steady([run_down(1)], drive, replace(HOW, hold=("motor.inertia",)))
+    staged = steady([run_down(1)], drive, replace(STAGED, hold=("motor.inertia",)))
     values = {p.name: p for p in staged.parameters}
     off = values["motor.viscous"].value / PAPER.viscous - 1.0
     # What Coulomb friction lacks is in the viscous one, about as much as it is of it in the middle of the window.
     assert off == pytest.approx((1.0 - share) * 1.0, abs=0.01)
     assert values["motor.inertia"].status == "held" and values["motor.viscous"].std is None
-    assert staged.covariance is None and (share == 1.0 or told(staged).severity == "warning")
-    assert f"at {share * PAPER.coulomb:.4g} Nm" in told(staged).text
+    assert staged.covariance is None and (share == 1.0 or staged_fit_finding(staged).severity == "warning")
+    assert f"at {share * PAPER.coulomb:.4g} Nm" in staged_fit_finding(staged).text
 
 
 def test_a_stretch_under_torque_gives_the_inertia_of_the_first_window():
-    staged = steady([driven_then_off(1)], one_body(), HOW)
+    staged = steady([driven_then_off(1)], one_body(), STAGED)
     assert staged.details["stages"][0]["fitted"] == ["motor.inertia", "motor.viscous"]
-    finding = told(staged)
+    finding = staged_fit_finding(staged)
     assert set(finding.evidence) == {"motor.inertia", "motor.viscous", "motor.coulomb", *NAMES}
     assert staged.details["scale"] == ["a stretch under torque"]
 
@@ -86,7 +86,7 @@ def test_three_windows_of_a_run_down_with_breakaway():
     known = {"motor.inertia": PAPER.inertia, "motor.coulomb": PAPER.coulomb, "motor.breakaway": motor.surplus}
     windows = tuple((a * RPM, b * RPM) for a, b in ((1600, 750), (750, 100), (100, 5)))
     staged = steady([recording(1, motor_angle=counts(angle, 1))], one_body().with_values(known),
-                    replace(HOW, free=free, stages=windows, hold=("motor.inertia",)))
+                    replace(STAGED, free=free, stages=windows, hold=("motor.inertia",)))
     assert [s["fitted"] for s in staged.details["stages"]] == [
         ["motor.viscous"], ["motor.coulomb", "motor.breakaway"], ["motor.breakaway_speed"]]
     values = {p.name: p.value for p in staged.parameters}
@@ -96,13 +96,13 @@ def test_three_windows_of_a_run_down_with_breakaway():
 
 @pytest.mark.slow
 def test_a_window_that_ends_on_a_bound_says_so():
-    """At 20 rad/s breakaway is felt in the second window, which holds it where it begins."""
+    """At 20 rad/s breakaway acts in the second window, which holds it at its start value."""
     motor = replace(PAPER, surplus=0.5 * PAPER.coulomb, breakaway_speed=20.0)
     angle, _ = motion(motor, lambda t: 0.0, 2240 * RPM, 1e-3, 5.0)
     known = {"motor.inertia": PAPER.inertia, "motor.coulomb": PAPER.coulomb, "motor.breakaway": motor.surplus}
     windows = tuple((a * RPM, b * RPM) for a, b in ((1600, 750), (750, 100), (100, 5)))
     staged = steady([recording(1, motor_angle=counts(angle, 1))], one_body().with_values(known), replace(
-        HOW, free=("motor.breakaway", "motor.breakaway_speed"), stages=windows, hold=("motor.inertia",)))
+        STAGED, free=("motor.breakaway", "motor.breakaway_speed"), stages=windows, hold=("motor.inertia",)))
     (line,) = (p for p in staged.parameters if p.name == "motor.breakaway_speed")
     assert line.status == "at-bound" and line.std is None
     assert np.isfinite(staged.fit["rmse"])
@@ -111,7 +111,7 @@ def test_a_window_that_ends_on_a_bound_says_so():
 @pytest.mark.slow
 def test_the_printed_windows_tell_no_breakaway():
     free = ("motor.breakaway", "motor.breakaway_speed")
-    staged = steady([run_down(1)], one_body(), replace(HOW, free=free, stages=PRINTED))
+    staged = steady([run_down(1)], one_body(), replace(STAGED, free=free, stages=PRINTED))
     (line,) = (p for p in staged.parameters if p.name == "motor.breakaway_speed")
     assert line.status == "not-identifiable" and set(ratios(staged)) == set(NAMES)
 
@@ -123,7 +123,7 @@ def test_the_printed_windows_tell_no_breakaway():
     (one_body(), {"method": "speeds"}, BadOption, "with --stages")])
 def test_what_cannot_be_staged_is_refused(drive, change, error, says):
     with pytest.raises(error, match=says):
-        steady([run_down(1)], drive, replace(HOW, **change))
+        steady([run_down(1)], drive, replace(STAGED, **change))
 
 
 def test_windows_in_words():

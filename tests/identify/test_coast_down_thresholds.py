@@ -11,7 +11,7 @@ import pytest
 from drivetool.drive import one_body
 from drivetool.errors import BadRecording, Finding, NotEnoughData
 from drivetool.identify.coast_down import laws, readings, report, stretches
-from drivetool.identify.coast_down.run_down_fit import Fitted
+from drivetool.identify.coast_down.coast_down_fit import CoastDownFit
 from tests.coasting import RPM, STEP, Motor, counts, motion, recording
 
 COUNT = 2.0 * np.pi / 1000
@@ -71,13 +71,13 @@ def noise():
     (stretch,) = off(recording(1, motor_speed=speed, motor_torque=torque))
     assert (stretch.first, stretch.last) == (0, n)
     (stretch,) = off(recording(1, motor_speed=speed, motor_torque=torque + 7.0 * (np.arange(n) < n // 2)))
-    assert n // 2 - stretches.LEAST <= stretch.first < n // 2 + 10
+    assert n // 2 - stretches.MIN_COAST_DOWN_SAMPLES <= stretch.first < n // 2 + 10
 
 
 def register():
     """A jump misses what the motor turns in a sample: 4067 is that of twelve digits, 1010 is of none."""
     for size, wrap in ((4067, "4096"), (1010, "1010")):
-        jump = Finding("warning", "angle-wraps", "", {"role": "motor_angle", "jumps": 3, "size": size})
+        jump = Finding("warning", "value-wraps", "", {"role": "motor_angle", "jumps": 3, "size": size})
         e = recording(1, motor_angle=np.arange(4000.0))
         with pytest.raises(BadRecording, match=f"wrap: {wrap}`"):
             stretches.stretches_of([replace(e, findings=(jump,))], 0.0)
@@ -107,7 +107,7 @@ def locked():
     """Samples about one count each: those kept err as if by chance, and no more are left out than that needs."""
     change, n = 1e-6, 40_000
     k = np.arange(n) - n // 2
-    left_out = readings._locked(1.0 - change * k)
+    left_out = readings._phase_locked(1.0 - change * k)
     rng, sums = np.random.default_rng(1), []
     for _ in range(400):
         places = np.mod(rng.uniform() - 0.5 * change * (k - rng.uniform(-0.5, 0.5)) ** 2, 1.0)
@@ -119,46 +119,48 @@ def locked():
 def lasting():
     """Fourteen samples that see one part of a count are few; thirty in a row are left out."""
     k = np.arange(400) - 200
-    assert not readings._locked(1.0 - k / 14.0**2)[np.abs(k) < 50].any()
-    assert readings._locked(1.0 - k / 30.0**2).any()
+    assert not readings._phase_locked(1.0 - k / 14.0**2)[np.abs(k) < 50].any()
+    assert readings._phase_locked(1.0 - k / 30.0**2).any()
 
 
 def tells():
     """A surplus 1.4 of its standard deviations from zero is a guess; one that is 2.5 away is told."""
     for share, guess in ((0.7, True), (0.4, False)):
-        fitted = Fitted(("motor.drag",), np.ones(1), np.array([[share**2]]), np.ones((1, 1)), (), (), np.ones(1),
-                        np.ones(1), 1.0, 1)
-        assert report.untold("motor.drag", ("motor.drag",), fitted) is guess
+        fitted = CoastDownFit(("motor.drag",), np.ones(1), np.array([[share**2]]), np.ones((1, 1)), (), (),
+                              np.ones(1),
+                              np.ones(1), 1.0, 1)
+        assert report.unidentified("motor.drag", ("motor.drag",), fitted) is guess
 
 
 def said(misfit=1.0, together=None):
     """The findings of a run-down, by code."""
     fitted = SimpleNamespace(misfit=misfit)
-    spread = report.Spread(1.0, {"together": together} if together else {}, np.zeros((1, 1)))
-    return {f.code: f for f in report.findings(fitted, fitted, [], [], ("a known added inertia",), spread, None)}
+    spread = report.CoastDownScatter(1.0, {"together": together} if together else {}, np.zeros((1, 1)))
+    return {f.code: f
+            for f in report.coast_down_findings(fitted, fitted, [], [], ("a known added inertia",), spread, None)}
 
 
 def unlikely():
     """A rest that chance leaves seven times in ten thousand is another law; fifteen times is chance."""
-    assert "friction-law-incomplete" in said(7e-4)
-    assert "friction-law-incomplete" not in said(1.5e-3)
+    assert "nonlinear-friction" in said(7e-4)
+    assert "nonlinear-friction" not in said(1.5e-3)
 
 
 def heated():
     """Friction that changes by 80 or -40 % may be warmth; by 120 or -60 % an inertia is wrong."""
     for together, warm in ((80.0, True), (-40.0, True), (120.0, False), (-60.0, False)):
-        assert ("temperature" in said(together=together)["run-downs-differ"].action) is warm
+        assert ("temperature" in said(together=together)["scatter-beyond-noise"].action) is warm
 
 
 def lead():
     """A law that leads by a log likelihood of 15 is named, one that leads by 7 is not, nor is it beaten by that."""
     def named(*ahead):
         left = iter(ahead)
-        fitted = SimpleNamespace(unlikely=0.0, misfit=0.0)
+        fitted = SimpleNamespace(deviance=0.0, misfit=0.0)
         with pytest.MonkeyPatch.context() as patch:
-            patch.setattr(laws, "_tried", lambda names, *_: laws._Trial(
+            patch.setattr(laws, "_trial", lambda names, *_: laws._Trial(
                 names, -next(left, 0.0), one_body(), SimpleNamespace(misfit=1.0)))
-            patch.setattr(laws, "_errors", lambda *_: np.random.default_rng(1).standard_normal(300))
+            patch.setattr(laws, "_angle_errors", lambda *_: np.random.default_rng(1).standard_normal(300))
             found = laws.further_law(one_body(), (), (), None, fitted)
         return found.laws if found else ()
     assert named(15.0) == (("drag",),)
@@ -167,11 +169,15 @@ def lead():
     assert named(0.0, 65.0, 50.0) == (("stribeck",),)
 
 
-CHECKS = {(stretches, "BEGUN"): begun, (stretches, "FALLS"): falls, (stretches, "STEPS"): steps,
-          (stretches, "LEAST"): least, (stretches, "NOISE"): noise, (stretches, "REGISTER"): register,
-          (readings, "AROUND"): around, (readings, "COUNTED"): counted, (readings, "LOCKED"): locked,
-          (readings, "LASTING"): lasting, (report, "TELLS"): tells,
-          (report, "UNLIKELY"): unlikely, (report, "HEATED"): heated, (laws, "LEAD"): lead}
+CHECKS = {(stretches, "START_SPEED_SHARE"): begun, (stretches, "MIN_SPEED_LOSS"): falls,
+          (stretches, "MIN_MOTION_STEPS"): steps,
+          (stretches, "MIN_COAST_DOWN_SAMPLES"): least, (stretches, "OFF_TORQUE_STDS"): noise,
+          (stretches, "COUNTER_TOLERANCE"): register,
+          (readings, "COUNTS_AROUND"): around, (readings, "MAX_QUANTISED_NOISE"): counted,
+          (readings, "LOCKED_RANGE"): locked,
+          (readings, "MIN_LOCKED_SAMPLES"): lasting, (report, "MAX_STD_TO_VALUE"): tells,
+          (report, "MISFIT_SIGNIFICANCE"): unlikely, (report, "MAX_THERMAL_FACTOR"): heated,
+          (laws, "MIN_LAW_LIKELIHOOD_LEAD"): lead}
 NAMES = [name for _, name in CHECKS]
 
 

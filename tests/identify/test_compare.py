@@ -14,7 +14,7 @@ from drivetool.files.yaml import load_parameters
 from drivetool.identify.frequency.estimator import SpectraOptions, spectra
 from drivetool.identify.greybox.estimator import greybox
 from drivetool.identify.setup.options import Options
-from drivetool.identify.several.comparison import CompareOptions, Model, compare, spread_of
+from drivetool.identify.several.comparison import CompareOptions, FittedStructure, compare, scatter_over_records
 from drivetool.logs import Experiment
 from drivetool.logs.door import open_experiment
 from tests.places import FIXTURES
@@ -65,7 +65,7 @@ def test_on_the_linear_axis_all_structures_agree_with_each_other_and_the_truth()
             assert abs(a - b) < 0.01 * true[name]
     notches = np.array([figure(found, s, "notch 1").values for s in ("oe", "bj", "physical",
         "physical-innovations")])
-    assert np.ptp(notches) < 0.1 and not any(f.code == "notch-moves" for f in found.findings)
+    assert np.ptp(notches) < 0.1 and not any(f.code == "nonlinear-distortion" for f in found.findings)
     names = [m.record for m in found.models[:3]]
     assert all(np.all(table(found, s, names) > 98.0) for s in ("oe", "bj", "physical", "physical-innovations"))
     assert {m.structure: m.noise_parameters for m in found.models} == {
@@ -87,18 +87,18 @@ def test_on_the_axis_with_gap_and_friction_it_is_as_published():
         assert oe[other] < 80.0
     notch = figure(found, "oe", "notch 1").values
     assert notch[low] < min(notch[chirp], notch[high]) - 3.0
-    assert "notch-moves" in {f.code for f in found.findings} and found.outcome.startswith("oe ")
+    assert "nonlinear-distortion" in {f.code for f in found.findings} and found.outcome.startswith("oe ")
 
 
 def test_the_reference_makes_the_indirect_estimate_in_closed_loop():
     s = spectra([record("robot", "chirp_linear")], SpectraOptions(length=1.0))
-    assert s.mean.method == "indirect" and s.feedback.there
+    assert s.mean.method == "indirect" and s.feedback.significant
     notch = min((p for p in s.peaks if p["kind"] == "anti-resonance"), key=lambda p: p["hz"])
     assert notch["hz"] == pytest.approx(93.1 / 2 / np.pi, abs=1.0)
     alone = record("robot", "chirp_linear")
     alone = replace(alone, signals={k: v for k, v in alone.signals.items() if k != "reference_speed"})
     codes = {f.code for f in spectra([alone], SpectraOptions(length=1.0, method="welch")).findings}
-    assert "closed-loop" in codes
+    assert "torque-in-feedback" in codes
 
 
 @pytest.mark.slow
@@ -155,10 +155,10 @@ def test_standstill_with_held_wheels_and_an_acceleration_test():
 
 
 def test_what_is_missing_from_a_record_leaves_the_mean_out():
-    models = [Model("oe", "a", figures={"notch 1": (1.0, 0.1, "rad/s")}), Model("oe", "b"),
-              Model("bj", "a", figures={"notch 1": (1.0, 0.1, "rad/s")}),
-              Model("bj", "b", figures={"notch 1": (3.0, None, "rad/s")})]
-    (only,) = spread_of(models, ["a", "b"])
+    models = [FittedStructure("oe", "a", figures={"notch 1": (1.0, 0.1, "rad/s")}), FittedStructure("oe", "b"),
+              FittedStructure("bj", "a", figures={"notch 1": (1.0, 0.1, "rad/s")}),
+              FittedStructure("bj", "b", figures={"notch 1": (3.0, None, "rad/s")})]
+    (only,) = scatter_over_records(models, ["a", "b"])
     assert (only.structure, only.mean, only.std, only.standard_error) == ("bj", 2.0, np.sqrt(2.0), 1.0)
 
 

@@ -17,7 +17,7 @@ from drivetool.identify.greybox.estimator import greybox
 from drivetool.identify.polynomial.pem_figures import figures_of
 from drivetool.identify.polynomial.pem_fit import fit_structure
 from drivetool.identify.polynomial.pem_model import Stretch, Structure
-from drivetool.identify.polynomial.realise import conversion, ringing_with_std
+from drivetool.identify.polynomial.realise import conversion, ringing_frequencies_with_std
 from drivetool.identify.setup.options import Options
 from tests.cramer_rao import least_std
 from tests.recover import experiment
@@ -63,7 +63,7 @@ def truth(machine):
     return found
 
 
-def judged(case, values, inside, bound):
+def check_coverage(case, values, inside, bound):
     """Print and check: coverage between 0.93 and 0.97 on average, variance within 1.15 of the bound.
 
     values, inside  name -> one entry per fit; a fit that states no interval does not cover
@@ -90,13 +90,13 @@ def test_notch_resonance_and_physical_parameters(case):
         f = figures_of(fit_structure([Stretch(u, y)], Structure(kind, 2 * machine.bodies - 1)), STEP)
         found, covariance, _ = conversion(drive, f)
         if covariance is not None:
-            own = ringing_with_std(drive, found, covariance)
+            own = ringing_frequencies_with_std(drive, found, covariance)
             found |= {"notch": own["notch 1"], "resonance": own["resonance 1"]}
         for name, value in true.items():
             v, std = found.get(name, (np.nan, None))
             inside[name].append(std is not None and abs(v - value) < 1.96 * std)
             values[name].append(v)
-    judged(case, values, inside, least_std(machine, truth, u, STEP, 0.01, torque_noise))
+    check_coverage(case, values, inside, least_std(machine, truth, u, STEP, 0.01, torque_noise))
 
 
 @pytest.mark.study
@@ -119,4 +119,4 @@ def test_the_fit_in_the_frequency_domain():
             if p.name in inside:
                 inside[p.name].append(p.ci95 is not None and p.ci95[0] <= true[p.name] <= p.ci95[1])
                 values[p.name].append(p.value)
-    judged("frequency domain", values, inside, least_std(RIG, truth, u, STEP, 0.02, first=len(u) // 12))
+    check_coverage("frequency domain", values, inside, least_std(RIG, truth, u, STEP, 0.02, first=len(u) // 12))

@@ -10,7 +10,7 @@ import pytest
 from drivetool.drive import two_mass
 from drivetool.identify.estimate.interval_and_status import parameters_of
 from drivetool.identify.fit.engine import by_innovations
-from drivetool.identify.outcome.composition import unsettled
+from drivetool.identify.outcome.composition import not_converged
 from drivetool.identify.setup.setup import roles_of
 from drivetool.identify.setup.task import Task
 from tests.recover import STEP, experiment, truth
@@ -37,7 +37,7 @@ def held(machine: Machine, seed: int, torque_noise: float, free: tuple[str, ...]
     off = 1.0 + 0.03 * np.random.default_rng(seed).uniform(-1.0, 1.0, len(free))
     drive = two_mass().with_values({name: values[name] * f for name, f in zip(free, off, strict=True)})
     outcome = by_innovations(Task(drive, free, roles_of([record], drive), (record,)), [{}])
-    if unsettled(outcome):
+    if not_converged(outcome):
         return None
     lines, _, _ = parameters_of(outcome.problem, outcome.solution, drive, outcome.drive)
     return [p.ci95 is not None and p.ci95[0] <= values[p.name] <= p.ci95[1] for p in lines if p.name in free]

@@ -5,7 +5,7 @@ import pytest
 
 from drivetool.drive import one_body, two_mass
 from drivetool.drive.chain import three_mass, vehicle
-from drivetool.identify.estimate.derived_figures import derived
+from drivetool.identify.estimate.derived_figures import derived_figures_of
 from drivetool.identify.estimate.estimate import Covariance, Parameter
 
 # Table 6.2 of Tallfors 2005: light rig as black box and as grey box, heavy rig across its gap.
@@ -28,7 +28,7 @@ def lines_of(drive, **stds):
 @pytest.mark.parametrize("name", TABLE)
 def test_the_table_of_the_thesis_with_all_friction_in_the_damping_ratio(name):
     drive = drive_of(TABLE[name])
-    found = {p.name: p for p in derived(drive, lines_of(drive), None)}
+    found = {p.name: p for p in derived_figures_of(drive, lines_of(drive), None)}
     assert found["resonance"].value == pytest.approx(TABLE[name][6], abs=0.06) and found["resonance"].unit == "Hz"
     assert found["resonance_damping_ratio"].value == pytest.approx(TABLE[name][7], abs=6e-6)
     assert found["total_inertia_at_motor"].value == pytest.approx(sum(TABLE[name][:2]))
@@ -42,7 +42,8 @@ def test_intervals_follow_from_the_joint_covariance():
     rng = np.random.default_rng(3)
     root = rng.normal(size=(3, 3)) * 1e-3 * np.array([[jm], [jl], [ks]])
     covariance = Covariance(names, root @ root.T)
-    found = {p.name: p for p in derived(drive, lines_of(drive, **dict.fromkeys(names, 1.0)), covariance, NAMES)}
+    found = {p.name: p
+             for p in derived_figures_of(drive, lines_of(drive, **dict.fromkeys(names, 1.0)), covariance, NAMES)}
     w = np.sqrt(ks * (1 / jm + 1 / jl))
     slopes = {"resonance": np.array([-ks / jm**2, -ks / jl**2, 1 / jm + 1 / jl]) / (4.0 * np.pi * w),
               "anti_resonance": np.array([0.0, -ks / jl**2, 1 / jl]) / (4.0 * np.pi * np.sqrt(ks / jl)),
@@ -52,7 +53,8 @@ def test_intervals_follow_from_the_joint_covariance():
         assert found[name].std == pytest.approx(std, rel=1e-4), name
         assert found[name].ci95[1] - found[name].value == pytest.approx(1.96 * std, rel=1e-3)
     certain = Covariance(names[:2], 1e-4 * np.array([[1.0, -1.0], [-1.0, 1.0 + 1e-9]]))
-    found = {p.name: p for p in derived(drive, lines_of(drive, **dict.fromkeys(names[:2], 0.01)), certain, NAMES)}
+    found = {p.name: p
+             for p in derived_figures_of(drive, lines_of(drive, **dict.fromkeys(names[:2], 0.01)), certain, NAMES)}
     assert found["total_inertia_at_motor"].std < 1e-5 < found["resonance"].std
 
 
@@ -61,12 +63,12 @@ def test_what_is_not_told_leaves_no_interval_where_it_counts():
     lines = [Parameter(p.name, p.value, p.unit, status="not-identifiable") if p.name == "load.inertia" else p
              for p in lines_of(drive, **{"motor.inertia": 0.01, "shaft.stiffness": 1.0})]
     covariance = Covariance(("motor.inertia", "shaft.stiffness"), np.diag([1e-4, 1.0]))
-    for p in derived(drive, lines, covariance, NAMES):
+    for p in derived_figures_of(drive, lines, covariance, NAMES):
         assert p.std is None and "load.inertia" in p.reason
     # The load's viscous friction damps, and turns no frequency.
     lines = [Parameter(p.name, p.value, p.unit, status="not-identifiable") if p.name == "load.viscous" else p
              for p in lines_of(drive, **{"motor.inertia": 0.01, "shaft.stiffness": 1.0})]
-    found = {p.name: p for p in derived(drive, lines, covariance, NAMES)}
+    found = {p.name: p for p in derived_figures_of(drive, lines, covariance, NAMES)}
     assert found["resonance"].std is not None and found["resonance_damping_ratio"].std is None
 
 
@@ -75,7 +77,8 @@ def test_a_value_that_nobody_asked_to_be_held_and_has_no_interval_leaves_none():
     drive = drive_of(TABLE["light grey"])
     names = NAMES[:3]
     covariance = Covariance(names, np.diag([1e-6, 1e-8, 1.0]))
-    found = {p.name: p for p in derived(drive, lines_of(drive, **dict.fromkeys(names, 0.01)), covariance)}
+    found = {p.name: p
+             for p in derived_figures_of(drive, lines_of(drive, **dict.fromkeys(names, 0.01)), covariance)}
     assert found["resonance"].std is not None and found["total_inertia_at_motor"].std is not None
     assert found["resonance_damping_ratio"].std is None
     assert "shaft.damping" in found["resonance_damping_ratio"].reason
@@ -84,24 +87,25 @@ def test_a_value_that_nobody_asked_to_be_held_and_has_no_interval_leaves_none():
 def test_friction_alone_has_no_resonance_with_an_interval():
     drive = drive_of(TABLE["light grey"])
     covariance = Covariance(("motor.viscous",), np.array([[1e-6]]))
-    assert all(p.std is None for p in derived(drive, lines_of(drive, **{"motor.viscous": 1e-3}), covariance))
+    assert all(p.std is None
+               for p in derived_figures_of(drive, lines_of(drive, **{"motor.viscous": 1e-3}), covariance))
 
 
 def test_a_longer_chain_has_each_mode_and_a_stiff_one_none():
     arm = three_mass().with_values({
         "motor.inertia": 1.3, "gear.inertia": 0.5, "arm.inertia": 0.45, "shaft.stiffness": 6500.0,
         "shaft.damping": 2.6, "shaft2.stiffness": 19000.0, "shaft2.damping": 7.4})
-    names = [p.name for p in derived(arm, lines_of(arm), None)]
+    names = [p.name for p in derived_figures_of(arm, lines_of(arm), None)]
     assert names == [f"{kind}{number}{what}" for number in ("", "2") for kind in ("anti_resonance", "resonance")
                      for what in ("", "_damping_ratio")] + ["total_inertia_at_motor"]
-    assert derived(one_body().with_values({"motor.inertia": 1.0}), [], None) == ()
-    assert derived(two_mass().with_values({"motor.inertia": 1.0}), [], None) == ()
+    assert derived_figures_of(one_body().with_values({"motor.inertia": 1.0}), [], None) == ()
+    assert derived_figures_of(two_mass().with_values({"motor.inertia": 1.0}), [], None) == ()
 
 
 def test_a_gear_that_was_read_off_is_no_unknown():
     drive = drive_of(TABLE["light grey"]).with_values({"shaft.ratio": 8.79})
     covariance = Covariance(NAMES[:3], np.diag([1e-4, 1e-6, 1.0]))
-    found = derived(drive, lines_of(drive, **dict.fromkeys(NAMES[:3], 1.0)), covariance, NAMES)
+    found = derived_figures_of(drive, lines_of(drive, **dict.fromkeys(NAMES[:3], 1.0)), covariance, NAMES)
     assert all(p.std is not None for p in found if "damping" not in p.name)
 
 
@@ -111,7 +115,7 @@ def test_friction_is_a_force_where_a_mass_is_carried():
                                    "total.viscous": 0.02 + 40.0 / 8.79**2, "total.idle_torque": 1089.0 / 8.79})
     covariance = Covariance(("wheels.carried_mass", "total.idle_torque"), np.diag([1.0, 0.01]))
     lines = lines_of(drive, **{"wheels.carried_mass": 1.0, "total.idle_torque": 0.1})
-    found = {p.name: p for p in derived(drive, lines, covariance)}
+    found = {p.name: p for p in derived_figures_of(drive, lines, covariance)}
     assert set(found) == {"constant_force_at_wheels", "viscous_force_at_wheels"}  # no stiffness, no resonance
     force = found["constant_force_at_wheels"]
     assert force.value == pytest.approx(2420.0) and force.std == pytest.approx(0.1 * 8.79 / 0.45)

@@ -80,5 +80,5 @@ def test_a_drive_that_never_stops_keeps_what_was_given():
     assert line.status == "held"
     # What that value lacks is in the idle torque: by itself that has no interval.
     idle = fit_of(machine, 0.8 * machine.coulomb[0], one, name="total.idle_torque")
-    assert idle.std is None and "together with motor.coulomb" in idle.reason
+    assert idle.std is None and "jointly with motor.coulomb" in idle.reason
     assert fit_of(machine, 0.0, one, name="total.idle_torque").std is not None

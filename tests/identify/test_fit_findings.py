@@ -11,7 +11,7 @@ from drivetool.identify.backlash.estimator import without_ambiguous
 from drivetool.identify.estimate.estimate import Covariance, Estimate, Parameter
 from drivetool.identify.fit.engine import by_innovations
 from drivetool.identify.greybox.estimator import both_criteria
-from drivetool.identify.outcome.composition import compose, noise_figures
+from drivetool.identify.outcome.composition import compose, noise_parameters
 from drivetool.identify.setup.options import Options
 from drivetool.identify.setup.setup import roles_of
 from drivetool.identify.setup.task import Task
@@ -33,10 +33,10 @@ def outcome():
 
 
 @pytest.mark.parametrize(("torque_is", "code"), [
-    ("command", None), ("measurement", "torque-is-measured"), ("unknown", "torque-command-assumed")])
+    ("command", None), ("measurement", "torque-source"), ("unknown", "torque-source")])
 def test_what_the_torque_is_taken_for(outcome, torque_is, code):
     records = tuple(replace(e, torque_is=torque_is) for e in outcome.task.experiments)
-    _, findings = noise_figures(replace(outcome, task=replace(outcome.task, experiments=records)))
+    _, findings = noise_parameters(replace(outcome, task=replace(outcome.task, experiments=records)))
     assert [f.code for f in findings] == ([code] if code else [])
 
 
@@ -73,5 +73,5 @@ def test_another_half_gap_that_is_as_likely_leaves_none(other, above, said):
               {"minus_log_likelihood_above_best": above, "reached": {"shaft.half_gap": other}})
     found = without_ambiguous(Estimate("backlash", drive, (line,), "", {}), SimpleNamespace(starts=starts),
                               ["shaft.half_gap"])
-    assert [f.code for f in found.findings] == (["half-gap-ambiguous"] if said else [])
+    assert [f.code for f in found.findings] == (["gap-ambiguous"] if said else [])
     assert (found.parameters[0].std is None) == said

@@ -26,7 +26,7 @@ HZ = np.array([1.0, 8.0, 14.5, 25.0, 60.0, 150.0, 400.0])
 TRUE = {"motor.inertia": 0.6, "load.inertia": 5.2, "shaft.stiffness": 3300.0, "shaft.damping": 3.1,
         "motor.viscous": 0.8, "load.viscous": 0.4}
 
-TOLD = ("motor.inertia", "load.inertia", "shaft.stiffness", "shaft.damping")
+IDENTIFIABLE = ("motor.inertia", "load.inertia", "shaft.stiffness", "shaft.damping")
 
 
 def robot():
@@ -86,8 +86,8 @@ def test_the_truth_is_found_and_the_intervals_hold(weighting):
         estimate = greybox([record(seed)], start(), options)
         lines = {p.name: p for p in estimate.parameters}
         inside += sum(p.ci95 is not None and p.ci95[0] <= TRUE[p.name] <= p.ci95[1]
-                      for p in lines.values() if p.name in TOLD)
-        off.append([(lines[n].value - TRUE[n]) / lines[n].std for n in TOLD[:3]])
+                      for p in lines.values() if p.name in IDENTIFIABLE)
+        off.append([(lines[n].value - TRUE[n]) / lines[n].std for n in IDENTIFIABLE[:3]])
         assert estimate.fit["chi_square_per_degree"] < 2.0
     assert inside >= 68
     assert np.all(np.abs(np.std(off, axis=0) - 1.0) < 0.45)

@@ -1,4 +1,4 @@
-"""Sums of friction are those felt at the motor, whatever gear lies between the bodies."""
+"""Sums of friction are referred to the motor, with any gear between the bodies."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ from tests.simulator.records import white_noise
 from tests.simulator.simulate import simulate_linear
 
 GEAR = 5.0
-# Felt at the motor: inertias 0.5 and 1.6, shaft 900 Nm/rad, friction 0.3 + 0.96, idle torque 4.
+# Referred to the motor: inertias 0.5 and 1.6, shaft 900 Nm/rad, friction 0.3 + 0.96, idle torque 4.
 GEARED = Machine((0.5, 40.0), (0.3, 24.0), idle_torque=(0.0, 20.0), stiffness=(900.0 * GEAR**2,),
                  damping=(1.5 * GEAR**2,), ratio=(GEAR,))
 VISCOUS, IDLE = 0.3 + 24.0 / GEAR**2, 20.0 / GEAR
@@ -49,9 +49,10 @@ def test_the_parts_decay_alike_and_add_up_at_the_motor(drive, masses, turns):
     assert (viscous / turns**2).sum() == pytest.approx(0.7)
     idle = own_parts(drive.with_values({"total.idle_torque": 3.0}), "idle_torque")
     assert (idle / turns).sum() == pytest.approx(3.0) and not idle[:-1].any()
-    apart = drive.with_values(drive.parts("total.viscous", 0.7) | drive.parts("total.idle_torque", 3.0))
-    assert own_parts(apart, "viscous") == pytest.approx(viscous)
-    assert (apart.felt("viscous"), apart.felt("idle_torque")) == pytest.approx((0.7, 3.0))
+    split_drive = drive.with_values(drive.parts("total.viscous", 0.7) | drive.parts("total.idle_torque", 3.0))
+    assert own_parts(split_drive, "viscous") == pytest.approx(viscous)
+    assert (split_drive.referred_to_motor("viscous"),
+            split_drive.referred_to_motor("idle_torque")) == pytest.approx((0.7, 3.0))
 
 
 def test_the_share_has_the_gradient_of_differences():

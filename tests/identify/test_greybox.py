@@ -77,7 +77,7 @@ def test_simulation_criterion_says_what_its_intervals_assume():
 
 
 def disturbed_record(noise, sensor=0.002):
-    """Torque steps and a multisine, with a torque noise that is told in shares of the rated torque.
+    """Torque steps and a multisine, with a torque noise in shares of the rated torque.
 
     sensor  noise over the speed that the rated torque gives in a quarter of a second
     """
@@ -103,7 +103,7 @@ def test_coloured_torque_noise_is_noticed_and_modelled():
 
 @pytest.mark.slow
 def test_torque_noise_that_is_weak_where_it_is_slow_is_noticed_and_modelled():
-    """As what an inexact mode leaves over is. Taken for white, slow friction would seem to be told far worse."""
+    """As the residual of an inexact mode. Modelled as white, it would make slow friction far more uncertain."""
     memory, slow = np.exp(-STEP / 0.005), 0.1
     white = white_noise(6000, 0.03, 5)
     noise = white + lfilter([0.0, (slow - 1.0) * (1.0 - memory)], [1.0, -memory], white)
@@ -114,7 +114,7 @@ def test_torque_noise_that_is_weak_where_it_is_slow_is_noticed_and_modelled():
     square, limit = joint_error(estimate, truth(MACHINE))
     assert square < limit
     idle = next(p for p in estimate.parameters if p.name == "total.idle_torque")
-    # The mean of the noise, and the slope that viscous friction takes of it, whose size the record tells.
+    # The mean of the noise, and the slope that viscous friction takes of it, whose size the record identifies.
     assert idle.std < 0.3 * 0.03 * MACHINE.rated_torque / np.sqrt(6000 / 16)
 
 
@@ -173,11 +173,11 @@ def with_load_angle(error):
 
 @pytest.mark.slow
 def test_a_sensor_with_a_value_at_every_fourth_sample_is_weighed_rightly():
-    """Its noise, guessed a hundred times too loud, drew the torque's with it, and all parameters astray."""
+    """Its noise, initially a hundred times too large, biased the torque noise, and all parameters."""
     record = with_load_angle(np.zeros_like)
     estimate = greybox([record], start(), Options())
     assert estimate.noise["sensor_std.load_angle"] == pytest.approx(1e-4, rel=0.2)
-    assert not {"innovations-correlated", "not-settled"} & {f.code for f in estimate.findings}
+    assert not {"innovations-correlated", "not-converged"} & {f.code for f in estimate.findings}
     lines = {p.name: p for p in estimate.parameters}
     for name in ("motor.inertia", "load.inertia", "shaft.stiffness"):
         assert abs(lines[name].value - truth(MACHINE)[name]) < 4.0 * lines[name].std
@@ -281,10 +281,10 @@ def test_a_gap_that_the_drive_lacks_is_asked_for_and_not_suspected():
     drive = drive_like(machine, SHAPE).with_values({n: values[n] for n in ("total.viscous", "total.idle_torque")})
     record, _ = gap_record(machine, 21)
     said = {f.code for f in greybox([record], drive, Options()).findings}
-    assert "gap-left-out" in said and "gap-may-have-opened" not in said
-    # A stiffness that is held cannot be asked.
+    assert "gap-left-out" in said and "gap-may-open" not in said
+    # A held stiffness cannot be fitted.
     said = {f.code for f in greybox([record], drive, Options(hold=("shaft.stiffness",))).findings}
-    assert "gap-left-out" not in said and "gap-may-have-opened" in said
+    assert "gap-left-out" not in said and "gap-may-open" in said
     without = drive.with_values({"shaft.half_gap": 0.0})
     said = {f.code for f in greybox([record], without, Options()).findings}
-    assert not said & {"gap-left-out", "gap-may-have-opened"}
+    assert not said & {"gap-left-out", "gap-may-open"}

@@ -9,8 +9,8 @@ from drivetool.drive import one_body
 from drivetool.identify.fit.engine import by_innovations
 from drivetool.identify.greybox.estimator import greybox
 from drivetool.identify.laws.candidates import candidates_of
-from drivetool.identify.laws.explanation import _no_inertia
-from drivetool.identify.laws.held_out import PART, _part, held_out_errors
+from drivetool.identify.laws.explanation import _inertia_at_lower_bound
+from drivetool.identify.laws.held_out import HELD_OUT_SHARE, _part_of_record, held_out_errors
 from drivetool.identify.setup.options import Options
 from tests.identify.swing import TRUTH, record, swing, task_of
 from tests.recover import experiment
@@ -46,7 +46,7 @@ def test_a_torque_that_moves_no_inertia_explains_nothing():
     ("motor.inertia", True, True), ("motor.inertia", False, False), ("motor.viscous", True, False)])
 def test_an_inertia_at_its_bound_is_none(name, low, found):
     task = task_of(record(swing(250)))
-    assert _no_inertia(task.at({name: task.drive.quantity(name).bounds[0]} if low else {})) is found
+    assert _inertia_at_lower_bound(task.at({name: task.drive.quantity(name).bounds[0]} if low else {})) is found
 
 
 def test_a_right_drive_explains_what_is_held_out():
@@ -58,12 +58,14 @@ def test_a_right_drive_explains_what_is_held_out():
 
 
 @pytest.mark.parametrize("late, held, first, last", [
-    (True, True, 1.0 - PART, 1.0), (True, False, 0.0, 1.0 - PART), (False, True, 0.0, PART),
-    (False, False, PART, 1.0)])
+    (True, True, 1.0 - HELD_OUT_SHARE, 1.0), (True, False, 0.0, 1.0 - HELD_OUT_SHARE),
+    (False, True, 0.0, HELD_OUT_SHARE),
+    (False, False, HELD_OUT_SHARE, 1.0)])
 def test_a_part_and_the_rest_are_the_record(late, held, first, last):
     made = record(swing(1000))
     task = replace(task_of(made, made), start={"motor.speed": 1.0})
-    part, expected = _part(task, late, held), made.signals["motor_speed"][round(1000 * first):round(1000 * last)]
+    part, expected = _part_of_record(task, late,
+                                     held), made.signals["motor_speed"][round(1000 * first):round(1000 * last)]
     assert all(np.array_equal(e.signals["motor_speed"], expected) for e in part.experiments)
     assert bool(part.start) == (first == 0.0)  # a recording begins where it begins
 

@@ -9,15 +9,15 @@ from scipy.signal import lfilter
 from drivetool.drive import one_body
 from drivetool.drive.effects import EFFECTS
 from drivetool.errors import BadOption
-from drivetool.identify.greybox.estimator import greybox, torque_is_the_answer
-from drivetool.identify.inverse.regression import recorded, strength, with_instruments
-from drivetool.identify.motion.filtered_equations import turns
+from drivetool.identify.greybox.estimator import greybox, torque_in_feedback
+from drivetool.identify.inverse.regression import first_stage_f, regression_of, with_instruments
+from drivetool.identify.motion.filtered_equations import near_reversal
 from drivetool.identify.motion.linear import Rows, change_of, covariance_of, inverse_of
 from drivetool.identify.motion.motion import Motion, Smoothing
-from drivetool.identify.motion.required_torque import asked
+from drivetool.identify.motion.required_torque import required_torque_of
 from drivetool.identify.setup.options import Options
 from drivetool.identify.setup.setup import roles_of
-from drivetool.identify.setup.start import Start
+from drivetool.identify.setup.start import KnownStart
 from drivetool.identify.setup.task import Task
 from tests.identify.loop import MACHINES, loop_record, open_record
 from tests.identify.swing import STEP, TRUTH, record, swing
@@ -28,7 +28,7 @@ MOTION = Motion(S.mean_speed, S.acceleration, S.middle, S.side, np.arange(len(S.
                 np.zeros(len(S.middle), bool), np.ones(len(S.middle), bool), Smoothing(0.02, 0.0))
 W, A, Q, SIDE, T = S.mean_speed, S.acceleration, S.middle, S.side, MOTION.time
 
-# name -> (values of its parameters, torque that it asks of the motor, by the law in the effect's own words)
+# name -> (values of its parameters, torque that it requires of the motor, by the law as the effect states it)
 LAWS = {
     "inertia": ({"inertia": 0.3}, 0.3 * A),
     "added-inertia": ({"added_inertia": 0.2}, 0.2 * A),
@@ -52,7 +52,7 @@ LAWS = {
 
 def torque_of(values, free=()):
     given = one_body().with_values({"motor.inertia": 1e-9, **values})
-    a = asked(given, tuple(free), MOTION, STEP, {})
+    a = required_torque_of(given, tuple(free), MOTION, STEP, {})
     parts = (a.accelerating, a.sliding, a.rest)
     return sum(p.value for p in parts), sum(p.slopes for p in parts)
 
@@ -150,13 +150,13 @@ def test_the_stated_std_is_that_of_its_parts_whatever_the_units():
 
 def test_the_first_stage_is_an_f_of_the_numbers_fitted():
     record_, other = (loop_record(MACHINES[0], seed, 0.03, seconds=8.0) for seed in (1, 2))
-    seen = recorded([record_], MACHINES[0].start, (), "motor_angle", ())
+    seen = regression_of([record_], MACHINES[0].start, (), "motor_angle", ())
     known = with_instruments(seen, "motor_angle", "reference_angle")
-    own, made = (m.acceleration[::seen.kept] for m in (seen.seen.each[0], known.foreseen[0]))
+    own, made = (m.acceleration[::seen.kept] for m in (seen.seen.each[0], known.predicted[0]))
     explained, left = 1.0 - np.var(own - made) / np.var(own), np.var(own - made) / np.var(own)
     count = 3 * 6 + 2  # shapes by memories, and a zero and a drift
-    assert strength(known) == pytest.approx(explained / count / (left / (len(own) - count)), rel=0.02)
-    both = recorded([record_, other], MACHINES[0].start, (), "motor_angle", ())
+    assert first_stage_f(known) == pytest.approx(explained / count / (left / (len(own) - count)), rel=0.02)
+    both = regression_of([record_, other], MACHINES[0].start, (), "motor_angle", ())
     assert with_instruments(both, "motor_angle", "reference_angle").fitted == count + 2
 
 
@@ -185,7 +185,7 @@ def codes(e):
 def test_what_is_said_of_the_reference():
     made = loop_record(MACHINES[0], 1)
     with_it = greybox([made], MACHINES[0].start, Options(criterion="inverse"))
-    assert not codes(with_it) & {"no-instrument", "weak-instrument", "torque-is-the-cause"}
+    assert not codes(with_it) & {"weak-instrument", "torque-without-feedback"}
     assert with_it.details["instruments"] == "reference_angle"
     other = np.cumsum(np.random.default_rng(1).standard_normal(made.size)) * 1e-3
     unrelated = replace(made, signals={**made.signals, "reference_angle": other})
@@ -200,13 +200,13 @@ def test_what_an_outer_loop_asks_for_is_no_instrument():
     cascade = replace(made, signals={"motor_torque": s["motor_torque"], "motor_angle": s["motor_angle"],
                                      "reference_speed": asked_for})
     e = greybox([cascade], axis.start, Options(criterion="inverse"))
-    told = next(f for f in e.findings if f.code == "no-instrument")
-    assert "answers the motion" in told.text and e.details["instruments"] == "none"
+    told = next(f for f in e.findings if f.code == "weak-instrument")
+    assert "depends on the motion" in told.text and e.details["instruments"] == "none"
 
 
 def test_an_open_loop_is_the_forward_fits_question():
     e = greybox([open_record(MACHINES[0], 1)], MACHINES[0].start, Options(criterion="inverse"))
-    assert {"no-instrument", "torque-is-the-cause"} <= codes(e)
+    assert {"weak-instrument", "torque-without-feedback"} <= codes(e)
 
 
 @pytest.mark.parametrize("made, failed, said", [
@@ -215,7 +215,7 @@ def test_an_open_loop_is_the_forward_fits_question():
     (loop_record(MACHINES[0], 1, 0.1, seconds=4.0), False, False)])
 def test_a_loop_whose_motion_no_torque_explains_is_the_inverse_fits_question(made, failed, said):
     task = Task(MACHINES[0].start, tuple(MACHINES[0].truth), roles_of([made], MACHINES[0].start), (made,))
-    assert [f.code for f in torque_is_the_answer(failed, task)] == ["torque-is-the-answer"] * said
+    assert [f.code for f in torque_in_feedback(failed, task)] == ["torque-in-feedback"] * said
 
 
 def test_a_torque_of_another_axis_has_no_interval():
@@ -230,7 +230,7 @@ def test_a_torque_of_another_axis_has_no_interval():
 @pytest.mark.parametrize("drive, options, words", [
     (START.with_values({"converter.dead_time": 0.01}), {}, "converter.dead_time"),
     (START, {"free": ("total.viscous",)}, "friction of each body"),
-    (START, {"start": Start(rest=True)}, "start state")])
+    (START, {"start": KnownStart(rest=True)}, "start state")])
 def test_what_it_cannot_do_it_refuses(drive, options, words):
     with pytest.raises(BadOption, match=words):
         greybox([record(S)], drive, Options(criterion="inverse", **options))
@@ -248,5 +248,5 @@ def test_reversals_that_the_filter_rounds_are_left_out():
 
 
 def test_a_body_that_turns_all_the_time_keeps_its_reversals():
-    assert 0.0 < np.mean(turns(MOTION)) < 0.5
-    assert not turns(replace(MOTION, smoothing=Smoothing(0.0005, 0.0))).any()
+    assert 0.0 < np.mean(near_reversal(MOTION)) < 0.5
+    assert not near_reversal(replace(MOTION, smoothing=Smoothing(0.0005, 0.0))).any()

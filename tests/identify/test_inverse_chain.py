@@ -7,7 +7,7 @@ from drivetool.check.validation import ValidateOptions, validate_torque
 from drivetool.drive import two_mass
 from drivetool.errors import NotEnoughData
 from drivetool.identify.greybox.estimator import greybox
-from drivetool.identify.motion.chain_torque import begins, behind
+from drivetool.identify.motion.chain_torque import initial_transient, torque_of_chain
 from drivetool.identify.motion.motion import motions_of
 from drivetool.identify.setup.options import Options
 from tests.recover import experiment, truth
@@ -49,7 +49,7 @@ def test_the_chain_behind_asks_for_the_torque_that_the_simulator_has(machine):
     record, run = moved(machine, 3)
     drive = two_mass().with_values(values_of(machine))
     seen = motions_of([record], "motor_speed").each[0]
-    found, told = behind(drive, (), record, seen, {}), ~begins(drive, record, seen, {})
+    found, told = torque_of_chain(drive, (), record, seen, {}), ~initial_transient(drive, record, seen, {})
     mean = 0.5 * (run.shaft_torques[1:, 0] + run.shaft_torques[:-1, 0]) / machine.ratio[0]
     off = (found.value[:-1] - mean)[told[:-1]]
     assert told.mean() > 0.9
@@ -62,11 +62,13 @@ def test_derivatives_are_those_of_the_values():
     seen = motions_of([record], "motor_speed").each[0]
     free = ("motor.inertia", "load.inertia", "load.viscous", "load.coulomb", "load.idle_torque", "shaft.stiffness",
             "shaft.damping", "shaft.half_gap", "shaft.ratio")
-    slopes, told = behind(drive, free, record, seen, {}).slopes, ~begins(drive, record, seen, {})
+    slopes, told = torque_of_chain(drive, free, record, seen, {}).slopes, ~initial_transient(drive, record, seen,
+                                                                                             {})
     assert not slopes[:, 0].any()
     for j, name in enumerate(free[1:], 1):
         h = 1e-5 * drive.value(name)
-        up, down = (behind(drive.with_values({name: drive.value(name) + s * h}), free, record, seen, {}).value
+        up, down = (torque_of_chain(drive.with_values({name: drive.value(name) + s * h}), free, record, seen,
+                                    {}).value
                     for s in (1.0, -1.0))
         numeric = (up - down) / (2.0 * h)
         size = np.sqrt(np.mean(numeric[told] ** 2))
@@ -97,7 +99,7 @@ def test_a_chain_with_a_gap_is_recovered(machine):
 def test_a_load_that_rattles_is_refused():
     record, _ = moved(RATTLING, 3)
     drive = two_mass().with_values(values_of(RATTLING))
-    with pytest.raises(NotEnoughData, match="forgets how it began"):
+    with pytest.raises(NotEnoughData, match="initial transient decays"):
         greybox([record], drive, Options(criterion="inverse"))
 
 

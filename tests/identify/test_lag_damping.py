@@ -5,8 +5,8 @@ from dataclasses import replace
 import pytest
 
 from tests.hidden import greybox_options, make_case, write_start
-from tests.hidden.beside import log
-from tests.hidden.command import ask
+from tests.hidden.beside import write_record
+from tests.hidden.command import greybox_and_diagnose
 from tests.hidden.profiles import profile
 
 DEFAULT = 0.69
@@ -19,8 +19,8 @@ def test_damping_is_told_where_it_is_another_and_left_alone_where_it_is_not(tmp_
     """Else a third mass or a filter would make up for it; of first order it is no lag of second order either."""
     case = make_case("none", seed, sensors=("motor_speed", "load_speed"), noise="quiet")
     machine = replace(case.rig.machine, converter_bandwidth=900.0, converter_damping=damping)
-    record = log(tmp_path, case, profile("reversing", case.rig, seed), machine=machine)
-    found = ask(tmp_path, [record], write_start(case, tmp_path), greybox_options(case),
+    record = write_record(tmp_path, case, profile("reversing", case.rig, seed), machine=machine)
+    found = greybox_and_diagnose(tmp_path, [record], write_start(case, tmp_path), greybox_options(case),
                 ["--candidates", "converter-lag,third-mass,dead-time,torque-ripple"])
     assert (found.verdict, found.causes) == ("named", ("converter-lag",)), found
     bandwidth = found.parameters["converter.bandwidth"]
@@ -35,10 +35,10 @@ def test_damping_is_told_where_it_is_another_and_left_alone_where_it_is_not(tmp_
 @pytest.mark.slow
 @pytest.mark.parametrize("seed", [pytest.param(181014, marks=pytest.mark.long), 71003])
 def test_a_filter_of_first_order_is_not_called_an_overdamped_one_of_second(tmp_path, seed):
-    """Which is likelier by a hair on any record, and has two values that none tells."""
+    """Which is slightly likelier on any record, and has two values that no record identifies."""
     case = make_case("speed-filter", seed, seed=seed, bodies=2, duration=8.0)
     logs, _ = case.write(tmp_path, tmp_path / "labels", visibility=False)
-    found = ask(tmp_path, logs, write_start(case, tmp_path), greybox_options(case),
+    found = greybox_and_diagnose(tmp_path, logs, write_start(case, tmp_path), greybox_options(case),
                 ["--candidates", "speed-filter"])
     assert found.parameters["sensor.order"]["value"] == 1.0
     assert "sensor.damping" not in found.parameters or found.parameters["sensor.damping"]["std"] is None

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from drivetool.identify.laws.laws import UNFELT, library, unfelt
+from drivetool.identify.laws.laws import MEASUREMENT_NOISE, law_library, measurement_noise_law
 from drivetool.identify.motion.motion import motions_of
 from tests.identify.swing import PARTS, record, swing
 
@@ -13,13 +13,14 @@ CRANK = "inertia changes with the angle"
 
 def laws_of(s, turns=True, noise=None, role="motor_angle"):
     seen = motions_of([record(s, role)], role)
-    return {law.name: law for law in (*library(seen, turns), *(() if noise is None else unfelt(noise)))}
+    return {law.name: law
+            for law in (*law_library(seen, turns), *(() if noise is None else measurement_noise_law(noise)))}
 
 
 def test_every_law_has_size_one():
     noise = 30.0 * np.random.default_rng(1).standard_normal(4000)
     found = laws_of(swing(), noise=(noise,))
-    assert len(found) > 45 and UNFELT in found
+    assert len(found) > 45 and MEASUREMENT_NOISE in found
     for law in found.values():
         assert np.nanmean(np.concatenate(law.columns) ** 2, axis=0) == pytest.approx(np.ones(law.size)), law.name
 
@@ -27,7 +28,7 @@ def test_every_law_has_size_one():
 def test_size_one_is_that_of_all_records_together():
     a, b = swing(), swing(2000, parts=tuple((0.3 * x, f, p) for x, f, p in PARTS))
     seen = motions_of([record(a), record(b)], "motor_speed")
-    law = next(x for x in library(seen, False) if x.name == BACK)
+    law = next(x for x in law_library(seen, False) if x.name == BACK)
     assert np.mean(np.concatenate(law.columns) ** 2) == pytest.approx(1.0)
     ratio = np.sqrt(np.mean(law.columns[1] ** 2) / np.mean(law.columns[0] ** 2))
     assert ratio == pytest.approx(np.sqrt(np.mean(b.speed**2) / np.mean(a.speed**2)), rel=1e-2)
@@ -45,7 +46,7 @@ def test_noise_at_standstill_is_no_motion_back():
     noisy = record(s, "motor_speed", noise=speed - s.speed + 1e-3 * np.random.default_rng(1).standard_normal(4000))
     seen = motions_of([noisy], "motor_speed")
     assert min(np.mean(seen.each[0].side > 0.0), np.mean(seen.each[0].side < 0.0)) > 0.1
-    assert BACK not in {law.name for law in library(seen, True)}
+    assert BACK not in {law.name for law in law_library(seen, True)}
     assert BACK in laws_of(s)
 
 

@@ -8,8 +8,8 @@ import pytest
 from drivetool.drive import two_mass
 from drivetool.identify.fit.engine import by_innovations
 from drivetool.identify.laws.candidates import candidates_of, laws_of, motions_of_bodies
-from drivetool.identify.laws.laws import Law, library
-from drivetool.identify.laws.own_parameters import nearest_line, within_bounds
+from drivetool.identify.laws.laws import Law, law_library
+from drivetool.identify.laws.projected_parameters import projected_within_bounds, projection_of_laws
 from drivetool.identify.motion.motion import motions_of, motions_through
 from drivetool.identify.setup.setup import roles_of
 from drivetool.identify.setup.task import Task
@@ -56,7 +56,7 @@ def test_every_law_is_on_its_body():
     assert named["the torque drifts, on the motor"].body == "motor"
     dry = [law for law in laws if law.parameter]
     assert [(law.name, law.parameter) for law in dry] == [("dry friction, on the load", "load.coulomb")]
-    assert next(law.name for law in library(SEEN, True)) == "friction differs by direction"
+    assert next(law.name for law in law_library(SEEN, True)) == "friction differs by direction"
 
 
 @pytest.mark.parametrize("free, part, powers", [
@@ -70,20 +70,20 @@ def test_friction_of_the_load_is_read_off_where_it_is_fitted(free, part, powers)
             Law("dry", (S.side[:, None] / level,), "friction", body="load")]
     drive = GEARED if part == "load" else GEARED.with_values({"total.viscous": 0.0})
     task = Task(drive, free, roles_of([record(S)], drive), (record(S),))
-    own = nearest_line(task, laws, {"motor": SEEN, "load": SEEN}) @ [0.0, 0.0, viscous * slope, dry * level]
+    own = projection_of_laws(task, laws, {"motor": SEEN, "load": SEEN}) @ [0.0, 0.0, viscous * slope, dry * level]
     assert own == pytest.approx([viscous / RATIO**powers[0], dry / RATIO**powers[1]], rel=2e-2)
 
 
 def test_an_inertia_that_varies_is_the_inertia_of_its_body():
     law = Law("crank", (np.ones((4000, 1)),), "inertia", np.array([0.25]), body="load")
     task = Task(GEARED, ("motor.inertia", "load.inertia"), roles_of([record(S)], GEARED), (record(S),))
-    found = nearest_line(task, [law], {"motor": SEEN, "load": SEEN})
+    found = projection_of_laws(task, [law], {"motor": SEEN, "load": SEEN})
     assert found.tolist() == [[1.0, 0.0, 0.0], [0.0, 1.0, 0.25]]
 
 
 def test_friction_that_falls_on_the_load_leaves_its_level():
     task = Task(GEARED, ("load.viscous", "load.coulomb"), roles_of([record(S)], GEARED), (record(S),))
-    viscous, dry = within_bounds(task, np.array([-0.01, 0.4]), {"motor": SEEN, "load": SEEN})
+    viscous, dry = projected_within_bounds(task, np.array([-0.01, 0.4]), {"motor": SEEN, "load": SEEN})
     speed = np.abs(S.mean_speed)
     moving = speed > 0.01 * SEEN.top
     assert viscous == 0.0 and dry == pytest.approx(np.mean(0.4 - 0.01 * speed[moving]), rel=1e-2)

@@ -1,10 +1,10 @@
-"""The part of a logged torque that is taken for noise of the log."""
+"""The part of a logged torque that counts as recording noise."""
 
 from dataclasses import replace
 
 import numpy as np
 
-from drivetool.identify.noise.log_noise import likely_noise
+from drivetool.identify.noise.log_noise import expected_recording_noise
 from tests.recover import experiment
 
 N, STEP = 6000, 1e-3
@@ -15,7 +15,7 @@ SMOOTH = 3.0 * np.sin(2.0 * np.pi * 0.7 * T) + np.sin(2.0 * np.pi * 2.3 * T + 1.
 def found(torque, segments=None):
     made = experiment(torque, 0.0 * torque, step=STEP)
     made = made if segments is None else replace(made, segments=segments)
-    return likely_noise([made], "motor_torque")[0]
+    return expected_recording_noise([made], "motor_torque")[0]
 
 
 def noise(seed, std=0.3):

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from drivetool.errors import NotEnoughData
-from drivetool.identify.motion.motion import HIGHEST, motions_of, smoothing_of
+from drivetool.identify.motion.motion import MAX_CUTOFF, motions_of, smoothing_of
 from drivetool.logs.samples import low_pass
 from tests.identify.swing import STEP, record, swing
 from tests.recover import experiment
@@ -23,7 +23,7 @@ def noise(std, seed=1, n=4000):
 @ROLES
 def test_means_over_the_intervals_are_the_closed_forms(role):
     seen = motions_of([record(S, role)], role)
-    assert seen.each[0].smoothing.cutoff == HIGHEST
+    assert seen.each[0].smoothing.cutoff == MAX_CUTOFF
     m = seen.each[0]
     for name, expected in (("speed", S.mean_speed), ("acceleration", S.acceleration), ("side", S.side)):
         tolerance = 0.02 if name == "side" else 2e-3 * np.abs(expected).max()
@@ -62,14 +62,14 @@ def test_short_gaps_are_bridged_and_long_ones_are_not_known():
 def test_the_cut_off_falls_as_the_sensor_gets_noisy(role):
     size = np.abs(S.speed if role == "motor_speed" else S.angle).max()
     found = [smoothing_of([record(S, role, noise=noise(size * std))], role).cutoff for std in (0.0, 1e-3, 1e-1)]
-    assert HIGHEST == found[0] > found[1] > found[2]
+    assert MAX_CUTOFF == found[0] > found[1] > found[2]
 
 
 @ROLES
 def test_the_noise_left_in_the_speed_is_that_of_filtered_noise(role):
     std = 0.2 if role == "motor_speed" else 2e-3
     smoothing = smoothing_of([record(S, role, noise=noise(std))], role)
-    assert smoothing.cutoff < HIGHEST
+    assert smoothing.cutoff < MAX_CUTOFF
     left = low_pass(noise(std, 2, 400_000), [(0, 400_000)], smoothing.cutoff, 3)
     left = left if role == "motor_speed" else np.diff(left) / STEP
     assert smoothing.speed_noise == pytest.approx(left.std(), rel=0.1)

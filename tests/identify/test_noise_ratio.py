@@ -8,15 +8,15 @@ import numpy as np
 import pytest
 
 from drivetool.drive import one_body
-from drivetool.identify.estimate.rounding import digits, only_rounding
+from drivetool.identify.estimate.rounding import only_rounding, relative_resolution
 from drivetool.identify.fit.engine import by_innovations
 from drivetool.identify.greybox.estimator import greybox
-from drivetool.identify.noise.innovations import fit_innovations, settle
+from drivetool.identify.noise.innovations import fit_innovations, polish
 from drivetool.identify.noise.noise import likelier_ratio
 from drivetool.identify.setup.options import Options
 from drivetool.identify.setup.setup import roles_of
 from drivetool.identify.setup.task import Task
-from drivetool.logs import TABLE
+from drivetool.logs import UNIT_TABLE
 from tests.recover import experiment
 
 STEP, INERTIA, VISCOUS, SIZE = 2e-3, 0.02, 0.015, 2000  # s, kg m^2, N m s/rad, samples
@@ -45,14 +45,14 @@ def task_of(e):
 
 
 @pytest.mark.parametrize("ratio", [0.1, 1.0])
-def test_a_fit_that_was_begun_without_torque_noise_finds_it(ratio):
+def test_a_fit_started_without_torque_noise_finds_it(ratio):
     """Far below the sensor's the likelihood is flat: from there a search near the last ratio leads nowhere."""
     outcome = by_innovations(task_of(record(ratio * NATURAL, 0.01)), [{}])
     problem, point = outcome.problem, outcome.fit.point
     none = replace(outcome.fit.noise, ratio=1e-6 * NATURAL)
-    begun = fit_innovations(problem, point, none, arrived=True)
-    assert begun.noise.ratio < 1e-3 * NATURAL
-    found = settle(problem, begun)
+    initial = fit_innovations(problem, point, none, near_optimum=True)
+    assert initial.noise.ratio < 1e-3 * NATURAL
+    found = polish(problem, initial)
     assert found.noise.ratio == pytest.approx(outcome.fit.noise.ratio, rel=0.1) == pytest.approx(
         ratio * NATURAL, rel=0.3)
     assert found.point.values == pytest.approx(point.values, rel=1e-3)
@@ -65,7 +65,7 @@ def test_a_ratio_that_is_the_likeliest_is_left_as_it_is():
 
 
 @pytest.mark.parametrize("single", [False, True])
-def test_a_record_without_noise_gives_exact_values_and_no_doubt(single):
+def test_a_record_without_noise_gives_exact_values_and_no_uncertainty(single):
     e = record()
     if single:
         speed = e.signals["motor_speed"].astype(np.float32).astype(float)
@@ -74,26 +74,26 @@ def test_a_record_without_noise_gives_exact_values_and_no_doubt(single):
     values = [found.drive.values[n] for n in FREE]
     assert values == pytest.approx([INERTIA, VISCOUS], rel=1e-6 if single else 1e-9)
     codes = {f.code for f in found.findings}
-    assert "explained-to-rounding" in codes and "innovations-correlated" not in codes
+    assert "residual-not-testable" in codes and "innovations-correlated" not in codes
 
 
 def test_a_law_that_is_missing_in_a_record_without_noise_is_no_rounding():
     found = greybox([record(drag=1e-6)], started(), Options(criterion="innovations"))
     codes = {f.code for f in found.findings}
-    assert "explained-to-rounding" not in codes and "innovations-correlated" in codes
+    assert "residual-not-testable" not in codes and "innovations-correlated" in codes
 
 
 @pytest.mark.parametrize("unit", ["rad/s", "rpm", "deg/s", "km/h", "mNm", "rev/s"])
 def test_single_precision_is_known_behind_a_conversion(unit):
-    factor = TABLE[unit][2]
+    factor = UNIT_TABLE[unit][2]
     logged = (1e3 * np.cos(np.linspace(0.0, 20.0, 4000))).astype(np.float32).astype(float)
     logged[100] = np.nan
-    assert digits(logged * factor) == np.finfo(np.float32).eps
-    assert digits(np.nextafter(logged * factor, np.inf)) == np.finfo(float).eps
+    assert relative_resolution(logged * factor) == np.finfo(np.float32).eps
+    assert relative_resolution(np.nextafter(logged * factor, np.inf)) == np.finfo(float).eps
 
 
 def test_a_speed_in_single_rpm_is_explained_to_rounding():
-    time, factor = np.linspace(0.0, 20.0, 4000), TABLE["rpm"][2]
+    time, factor = np.linspace(0.0, 20.0, 4000), UNIT_TABLE["rpm"][2]
     fine = 40.0 * np.cos(time)
     logged = (fine / factor).astype(np.float32).astype(float) * factor
     assert only_rounding(logged, fine, np.sin(3.0 * time)[:, None])

@@ -1,4 +1,4 @@
-"""A few samples that no noise explains do not decide the values, and are said."""
+"""A few samples that no noise explains do not bias the values, and are reported."""
 
 from __future__ import annotations
 
@@ -14,8 +14,8 @@ from tests.simulator.machine import machine_by_seed
 
 MACHINE = machine_by_seed(1)
 NAMES = ("motor.inertia", "load.inertia", "shaft.stiffness", "shaft.damping", "total.viscous", "total.idle_torque")
-# Where the motion is fast enough to hide them from a look at the sensor alone (unsupported-samples).
-SLIPS = (1500, 2741, 2742, 4400)
+# Where the motion is fast enough to hide them from a look at the sensor alone (outliers-left-out).
+OUTLIERS = (1500, 2741, 2742, 4400)
 
 
 @pytest.fixture(scope="module")
@@ -27,20 +27,20 @@ def fitted(record, **options):
     return greybox([record], drive_like(MACHINE, list(NAMES), 0.1), Options(**options))
 
 
-def slipped(record, size):
+def with_outliers(record, size):
     speed = record.signals["motor_speed"].copy()
     noise = np.std(np.diff(speed, 2)) / np.sqrt(6.0)
-    speed[list(SLIPS)] += size * noise * np.array([1.0, 1.0, 1.0, -1.0])
+    speed[list(OUTLIERS)] += size * noise * np.array([1.0, 1.0, 1.0, -1.0])
     return replace(record, signals=record.signals | {"motor_speed": speed})
 
 
 @pytest.mark.slow
-def test_slips_of_a_sensor_are_left_out_and_said(record):
-    clean, found = fitted(record), fitted(slipped(record, 20.0))
-    assert "samples-left-out" not in {f.code for f in clean.findings}
-    (left,) = [f for f in found.findings if f.code == "samples-left-out"]
-    assert len(SLIPS) <= left.evidence["count"] <= 4 * len(SLIPS)
-    assert set(map(float, left.evidence["instants"].split())) >= {round(k * record.step, 2) for k in SLIPS}
+def test_outliers_of_a_sensor_are_left_out_and_reported(record):
+    clean, found = fitted(record), fitted(with_outliers(record, 20.0))
+    assert "outliers-left-out" not in {f.code for f in clean.findings}
+    (left,) = [f for f in found.findings if f.code == "outliers-left-out"]
+    assert len(OUTLIERS) <= left.evidence["count"] <= 4 * len(OUTLIERS)
+    assert set(map(float, left.evidence["instants"].split())) >= {round(k * record.step, 2) for k in OUTLIERS}
     a, b = ({p.name: p for p in e.parameters} for e in (clean, found))
     for name in NAMES[:4]:
         assert abs(a[name].value - b[name].value) < 0.3 * a[name].std, name
@@ -49,16 +49,16 @@ def test_slips_of_a_sensor_are_left_out_and_said(record):
 
 
 def test_a_simulation_fit_leaves_nothing_out(record):
-    found = fitted(slipped(record, 60.0), criterion="simulation", segment=0.0)
-    assert "samples-left-out" not in {f.code for f in found.findings}
+    found = fitted(with_outliers(record, 60.0), criterion="simulation", segment=0.0)
+    assert "outliers-left-out" not in {f.code for f in found.findings}
 
 
 @pytest.mark.slow
 def test_many_far_samples_are_no_outliers(record):
-    """A tenth of the samples far off is another noise, not a slip."""
+    """A tenth of outlying samples is another noise distribution, not a fault of the sensor."""
     speed = record.signals["motor_speed"].copy()
     rng = np.random.default_rng(5)
     at = rng.random(record.size) < 0.05
     speed[at] += 60.0 * np.std(np.diff(speed, 2)) / np.sqrt(6.0) * rng.standard_normal(at.sum())
     found = fitted(replace(record, signals=record.signals | {"motor_speed": speed}))
-    assert "samples-left-out" not in {f.code for f in found.findings}
+    assert "outliers-left-out" not in {f.code for f in found.findings}

@@ -1,4 +1,4 @@
-"""Fits of recordings whose logger changed its rate: what is at every rate counts, as one recording."""
+"""Fits of recordings whose logger changed its rate: all rates are fitted, as one recording."""
 
 import hashlib
 from dataclasses import replace
@@ -12,11 +12,11 @@ from drivetool.identify.greybox.estimator import greybox
 from drivetool.identify.noise.noise import Noise, filtered, with_torque_noise
 from drivetool.identify.problem.problem import Point
 from drivetool.identify.setup.options import Options
-from drivetool.identify.setup.rates import OF_EVERY_RATE, at_rates, rates_left_out
+from drivetool.identify.setup.rates import STEPS_OF_EVERY_RATE, at_rates, rates_left_out
 from drivetool.identify.setup.setup import roles_of
 from drivetool.identify.setup.task import Task
 from drivetool.identify.steady.estimator import steady
-from drivetool.logs import Channel, Recording, every_part
+from drivetool.logs import Channel, Recording, parts_at_all_rates
 from drivetool.logs.door.build import build_experiment
 from tests.recover import resonance
 from tests.simulator.experiments import multisine, staircase
@@ -57,7 +57,7 @@ def recorded(machine, parts, seed=1, torque_noise=0.004, speed_noise=0.01, lines
     return recording(keep * STEP, torque[keep], speed, name)
 
 
-def told(estimate):
+def parameters_of(estimate):
     return {p.name: p for p in estimate.parameters}
 
 
@@ -66,11 +66,11 @@ def test_inertia_and_friction_of_every_rate_together(parts):
     whole = build_experiment(recorded(DRY, parts))
     drive, plain = one_body().with_values(START | {"motor.coulomb": 0.07}), Options(criterion="innovations")
     found = greybox([whole], drive, plain)
-    alone = [told(greybox([part], drive, plain)) for part in every_part([whole])]
+    alone = [parameters_of(greybox([part], drive, plain)) for part in parts_at_all_rates([whole])]
     for name, value in (("motor.inertia", 0.01), ("motor.viscous", 0.02), ("motor.coulomb", 0.1)):
-        assert abs(told(found)[name].value - value) < 3.0 * told(found)[name].std
-        assert told(found)[name].std < min(each[name].std for each in alone)
-    assert found.fit["n"] == sum(part.used for part in every_part([whole]))
+        assert abs(parameters_of(found)[name].value - value) < 3.0 * parameters_of(found)[name].std
+        assert parameters_of(found)[name].std < min(each[name].std for each in alone)
+    assert found.fit["n"] == sum(part.used for part in parts_at_all_rates([whole]))
     # One file, and no repeats of a recording.
     assert found.data == (whole.source,)
     assert all(p.repeatability is None for p in found.parameters)
@@ -78,11 +78,11 @@ def test_inertia_and_friction_of_every_rate_together(parts):
 
 @pytest.mark.slow
 @pytest.mark.parametrize("parts", [TWO, THREE])
-def test_other_explanations_agree_at_every_rate(parts):
-    """A regression and free runs smooth each rate by its own noise: that makes them disagree in nothing."""
+def test_other_candidates_agree_at_every_rate(parts):
+    """A regression and free runs smooth each rate by its own noise; they still agree."""
     for seed in range(3):
         made = build_experiment(recorded(SMOOTH, parts, seed))
-        found = told(greybox([made], one_body().with_values(START), Options()))
+        found = parameters_of(greybox([made], one_body().with_values(START), Options()))
         for name, value in (("motor.inertia", 0.01), ("motor.viscous", 0.02), ("motor.idle_torque", 0.05)):
             p = found[name]
             assert abs(p.value - value) < 3.0 * p.std and p.std_structure < 2.0 * p.std_noise
@@ -92,8 +92,9 @@ def test_other_explanations_agree_at_every_rate(parts):
 @pytest.mark.parametrize("torque_noise", [pytest.param(0.004, marks=pytest.mark.long), 0.02])
 def test_stated_stds_are_those_of_the_scatter(torque_noise):
     seeds, drive = range(30), one_body().with_values(START)
-    found = [told(greybox([build_experiment(recorded(SMOOTH, ((2.0, 1), (6.0, 4)), 50 + s, torque_noise))], drive,
-                          Options(criterion="innovations"))) for s in seeds]
+    found = [parameters_of(
+        greybox([build_experiment(recorded(SMOOTH, ((2.0, 1), (6.0, 4)), 50 + s, torque_noise))], drive,
+                Options(criterion="innovations"))) for s in seeds]
     for name, value in (("motor.inertia", 0.01), ("motor.viscous", 0.02), ("motor.idle_torque", 0.05)):
         z = [(each[name].value - value) / each[name].std for each in found]
         assert 0.6 < np.sqrt(np.mean(np.square(z))) < 1.4  # 3.1 standard errors of 30
@@ -111,7 +112,7 @@ def test_two_masses_and_their_shaft():
     values = {n: 1.05 * v for n, v in names.items()} | {"total.viscous": sum(machine.viscous)}
     drive = two_mass().with_values(values)
     for fit, options in ((greybox, Options(criterion="innovations")), (blackbox, Options())):
-        found = told(fit([build_experiment(made)], drive, options))
+        found = parameters_of(fit([build_experiment(made)], drive, options))
         for name in ("motor.inertia", "load.inertia", "shaft.stiffness"):
             assert abs(found[name].value - names[name]) < 4.0 * found[name].std
 
@@ -129,7 +130,8 @@ def test_steady_speeds_are_found_at_every_rate():
     found = steady([whole], one_body(), Options())
     assert found.fit["intervals"] == 6 and found.data == (whole.source,)
     for name, value in (("motor.viscous", 0.02), ("motor.coulomb", 0.1)):
-        assert abs(told(found)[name].value - value) < max(3.0 * told(found)[name].std, 1e-3 * value)
+        assert abs(parameters_of(found)[name].value - value) < max(3.0 * parameters_of(found)[name].std,
+                                                                   1e-3 * value)
     record = [e for e in found.exhibits if e.kind == "record"]
     # Each picture marks its own intervals alone: three speeds at each rate.
     marked = [np.isfinite(e.curves["steady intervals"][1]) for e in record]
@@ -138,7 +140,7 @@ def test_steady_speeds_are_found_at_every_rate():
 
 def test_a_known_start_is_that_of_the_first_rate():
     whole = build_experiment(recorded(SMOOTH, TWO))
-    parts, drive = every_part([whole]), one_body().with_values(START)
+    parts, drive = parts_at_all_rates([whole]), one_body().with_values(START)
     task = Task(drive, ("motor.inertia",), roles_of(parts, drive), tuple(parts), {-1: {"motor.speed": 0.0}})
     assert [bool(t.start) for t in task.traces()] == [True, False]
     # Nor is it known where the rate that a step takes is not the first one.
@@ -152,14 +154,14 @@ def test_parts_are_no_repeats_and_recordings_are():
     other = replace(SMOOTH, viscous=(0.022,))
     two = [build_experiment(recorded(SMOOTH, ((1.5, 1), (4.0, 4)))),
            build_experiment(recorded(other, ((1.5, 1), (4.0, 4)), 2, name="other"))]
-    found = told(greybox(two, one_body().with_values(START), Options(criterion="innovations")))
+    found = parameters_of(greybox(two, one_body().with_values(START), Options(criterion="innovations")))
     assert found["motor.viscous"].repeatability == pytest.approx(0.002 / np.sqrt(2.0), rel=0.3)
 
 
 def test_a_memory_of_the_torque_noise_is_as_long_at_every_rate():
-    """With as much noise as a held sample has, the filter's errors are white and of the size that it says."""
+    """With the noise of a held sample, the filter's innovations are white and of the stated size."""
     noise = Noise(8.0, float(np.exp(-STEP / 0.05)), np.ones(1))
-    parts = every_part([build_experiment(recorded(SMOOTH, ((10.0, 1), (40.0, 4))))])
+    parts = parts_at_all_rates([build_experiment(recorded(SMOOTH, ((10.0, 1), (40.0, 4))))])
     drive = one_body().with_values({"motor.inertia": 0.01, "motor.viscous": 0.02, "motor.idle_torque": 0.05})
     problem = Task(drive, (), roles_of(parts, drive), tuple(parts)).problem()
     rng, traces = np.random.default_rng(1), []
@@ -174,12 +176,12 @@ def test_a_memory_of_the_torque_noise_is_as_long_at_every_rate():
         assert np.mean(z**2) == pytest.approx(1.0, abs=0.06) and abs(np.mean(z[1:] * z[:-1])) < 0.05
 
 
-def test_who_fits_every_rate_and_who_says_what_it_leaves_out():
+def test_which_steps_fit_every_rate_and_which_report_what_they_leave_out():
     whole = build_experiment(recorded(SMOOTH, TWO))
-    for step in (*OF_EVERY_RATE, "validate", "diagnose", "compare", "spectra", "simulate"):
+    for step in (*STEPS_OF_EVERY_RATE, "validate", "diagnose", "compare", "spectra", "simulate"):
         left = rates_left_out(step, [whole], Options())
-        assert [f.code for f in left] == ([] if step in OF_EVERY_RATE else ["rate-not-used"])
-        assert len(at_rates(step, [whole], Options())) == (2 if step in OF_EVERY_RATE else 1)
+        assert [f.code for f in left] == ([] if step in STEPS_OF_EVERY_RATE else ["rate-changes"])
+        assert len(at_rates(step, [whole], Options())) == (2 if step in STEPS_OF_EVERY_RATE else 1)
     for options in (Options(criterion="inverse"), Options(criterion="frequency"), Options(structure="oe")):
         (left,) = rates_left_out("greybox", [whole], options)
         assert left.severity == "warning" and left.evidence["left_out"] == whole.others[0].used

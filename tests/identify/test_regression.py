@@ -3,10 +3,10 @@
 import numpy as np
 import pytest
 
-from drivetool.identify.laws.influence import SLACK, sandwich
-from drivetool.identify.laws.laws import library
-from drivetool.identify.laws.regression import regress, regressable
-from drivetool.identify.motion.linear import BLOCKS, Rows, change_of, influence_of, inverse_of
+from drivetool.identify.laws.influence import FEW_BLOCKS_FACTOR, sandwich_covariance
+from drivetool.identify.laws.laws import law_library
+from drivetool.identify.laws.regression import is_regressable, regress
+from drivetool.identify.motion.linear import INFLUENCE_BLOCKS, Rows, change_of, influence_of, inverse_of
 from drivetool.identify.motion.motion import motions_of
 from tests.identify.swing import STEP, TRUTH, record, swing, task_of, torque_for
 from tests.recover import experiment
@@ -39,7 +39,7 @@ def test_missing_values_are_left_out():
     made = record(S)
     speed = made.signals["motor_speed"].copy()
     speed[700:702] = speed[1500:1600] = np.nan
-    made.signals["motor_torque"][1510:1590] = 1e3  # nobody knows how it moved there
+    made.signals["motor_torque"][1510:1590] = 1e3  # the motion there is unknown
     made = type(made)(**{**vars(made), "signals": {**made.signals, "motor_speed": speed}})
     assert values(regressed(made)) == pytest.approx(TRUTH, rel=2e-3)
 
@@ -56,7 +56,7 @@ def test_what_is_held_stays_and_the_rest_is_exact():
 def test_a_law_takes_up_its_torque(role):
     with_cogging = record(S, role, more=0.2 * np.cos(7.0 * S.middle + 0.4))
     seen = motions_of([with_cogging], role)
-    law = next(x for x in library(seen, True) if x.name == "torque repeats 7 times a turn")
+    law = next(x for x in law_library(seen, True) if x.name == "torque repeats 7 times a turn")
     found = values(regressed(with_cogging, laws=(law,)))
     own = {n: found.pop(n) for n in TRUTH}
     assert own == pytest.approx(TRUTH, rel=5e-3)
@@ -75,12 +75,15 @@ def test_shares_of_the_error_are_those_of_plain_sums():
     assert change_of(parts, found) == pytest.approx(best)
     shares = influence_of([Rows(p.residual - p.slopes @ best, p.slopes, p.slopes) for p in parts], found)
     inverse, left = np.linalg.inv(rows.T @ rows), torque - rows @ best
-    expected = np.zeros((BLOCKS, 5))
+    expected = np.zeros((INFLUENCE_BLOCKS, 5))
     for i in range(500):
-        expected[i * BLOCKS // 500] += inverse @ rows[i] * left[i]
+        expected[i * INFLUENCE_BLOCKS // 500] += inverse @ rows[i] * left[i]
     np.testing.assert_allclose(shares, expected, atol=1e-8 * np.abs(expected).max(axis=0).min())
-    covariance = SLACK**2 * BLOCKS / (BLOCKS - 1) * sum(np.outer(e, e) for e in expected)  # their sum is nothing
-    np.testing.assert_allclose(sandwich(shares), covariance, rtol=1e-6, atol=1e-9 * covariance.min() ** 2)
+    # Their sum is zero.
+    covariance = FEW_BLOCKS_FACTOR**2 * INFLUENCE_BLOCKS / (INFLUENCE_BLOCKS - 1) * sum(np.outer(e, e)
+                                                                                        for e in expected)
+    np.testing.assert_allclose(sandwich_covariance(shares), covariance, rtol=1e-6,
+                               atol=1e-9 * covariance.min() ** 2)
 
 
 def test_the_sandwich_holds_under_correlated_torque_noise():
@@ -90,14 +93,14 @@ def test_the_sandwich_holds_under_correlated_torque_noise():
         slow = np.convolve(0.3 * rng.standard_normal(4100), np.ones(60) / np.sqrt(60.0), "valid")[:4000]
         found = regressed(record(S, more=slow), free=free)
         errors.append(found.values - [TRUTH[n] for n in free])
-        squares.append(np.diag(sandwich(found.influence)))
-    ratio = np.sqrt(np.mean(np.square(errors), axis=0) / np.mean(squares, axis=0)) * SLACK
+        squares.append(np.diag(sandwich_covariance(found.influence)))
+    ratio = np.sqrt(np.mean(np.square(errors), axis=0) / np.mean(squares, axis=0)) * FEW_BLOCKS_FACTOR
     assert np.all((ratio > 0.6) & (ratio < 1.6))
 
 
 def test_only_a_body_under_nothing_but_inertia_and_friction_is_regressed():
-    assert regressable(task_of(record(S)))
-    assert not regressable(task_of(record(S), carried_mass=1.0, radius=0.1))
+    assert is_regressable(task_of(record(S)))
+    assert not is_regressable(task_of(record(S), carried_mass=1.0, radius=0.1))
 
 
 def test_samples_at_standstill_do_not_count():

@@ -1,4 +1,4 @@
-"""Recordings of one machine scatter: the variance between them, the interval of the machine, what is said."""
+"""Recordings of one machine scatter: the variance between them, the interval of the machine, the findings."""
 
 from dataclasses import replace
 
@@ -9,24 +9,30 @@ from drivetool.drive import one_body
 from drivetool.identify.estimate.estimate import Covariance, Parameter
 from drivetool.identify.estimate.interval_and_status import Z95
 from drivetool.identify.greybox.estimator import greybox
-from drivetool.identify.outcome.repeats import Repeats, Told, repeats_of, tells, with_scatter
-from drivetool.identify.outcome.scatter import half_width, heterogeneity, restricted
+from drivetool.identify.outcome.repeats import (
+    RecordingEstimate,
+    Repeatability,
+    identifiable_alone,
+    repeatability_of,
+    with_scatter,
+)
+from drivetool.identify.outcome.scatter import half_width, p_value_of_homogeneity, variance_between
 from drivetool.identify.setup.options import Options
 from tests.identify.days import NAMES, days_of, machine_of, start_of
 from tests.identify.loop import MACHINES, loop_record
 
 
 def each_of(y, variance):
-    """Recordings of equal weight that tell one parameter."""
+    """Recordings of equal weight that identify one parameter."""
     share = np.eye(1) / len(y)
-    return [Told(np.array([v]), share, np.array([s]), share @ share * s, np.ones(1, bool))
+    return [RecordingEstimate(np.array([v]), share, np.array([s]), share @ share * s, np.ones(1, bool))
             for v, s in zip(y, variance, strict=True)]
 
 
 def test_with_equal_noise_the_variance_is_that_of_the_analysis_of_variance():
     y, noise = np.array([1.0, 4.0, 2.0, 7.0, 3.0]), 0.3
-    assert restricted(y, np.full(5, noise)) == pytest.approx(np.var(y, ddof=1) - noise)
-    assert restricted(y, np.full(5, 10.0 * np.var(y))) == 0.0
+    assert variance_between(y, np.full(5, noise)) == pytest.approx(np.var(y, ddof=1) - noise)
+    assert variance_between(y, np.full(5, 10.0 * np.var(y))) == 0.0
 
 
 def test_with_unequal_noise_the_likelihood_is_at_its_peak():
@@ -34,7 +40,7 @@ def test_with_unequal_noise_the_likelihood_is_at_its_peak():
     for _ in range(20):
         variance = rng.uniform(0.1, 3.0, 6)
         y = rng.standard_normal(6) * np.sqrt(variance + 2.0)
-        found, grid = restricted(y, variance), np.linspace(0.0, 30.0, 3001)
+        found, grid = variance_between(y, variance), np.linspace(0.0, 30.0, 3001)
 
         def minus_log(between, y=y, variance=variance):
             w = 1.0 / (between + variance)
@@ -56,49 +62,51 @@ def test_the_interval_is_students_where_the_scatter_is_all():
 @pytest.mark.parametrize("count, least", [(2, 0.81), (3, 0.86), (5, 0.89), (10, 0.92)])
 @pytest.mark.parametrize("scatter", [0.0, 2.0, 30.0])
 def test_intervals_hold_however_much_of_it_is_scatter(count, scatter, least):
-    """Over the noise of one recording. Two tell the scatter by one difference, and hold least, as the docs say."""
+    """Over the noise of one recording. Two give the scatter by one difference, with the least coverage."""
     rng, held, sets = np.random.default_rng([count, int(scatter)]), 0, 2000
     for _ in range(sets):
         variance = rng.uniform(0.7, 1.4, count)
         y = rng.standard_normal(count) * np.sqrt(variance + scatter**2)
-        r = repeats_of(each_of(y, variance))
+        r = repeatability_of(each_of(y, variance))
         std = np.sqrt(r.within[0, 0] + r.between[0, 0])
         held += abs(y.mean()) < half_width(std, np.sqrt(r.between[0, 0]), r.count[0])
     assert least * sets <= held <= 0.975 * sets
 
 
 def test_what_noise_explains_is_no_scatter():
-    """The chance that is stated is one: a hundredth of quiet machines is called restless at that level."""
+    """The stated p-value is one: at that level a hundredth of machines without scatter is reported."""
     rng, sets = np.random.default_rng(5), 4000
-    p = np.array([heterogeneity(rng.standard_normal(6), np.ones(6)) for _ in range(sets)])
+    p = np.array([p_value_of_homogeneity(rng.standard_normal(6), np.ones(6)) for _ in range(sets)])
     assert 0.006 * sets < np.count_nonzero(p < 0.01) < 0.015 * sets
-    assert heterogeneity(np.array([0.0, 10.0]), np.ones(2)) < 1e-6
+    assert p_value_of_homogeneity(np.array([0.0, 10.0]), np.ones(2)) < 1e-6
 
 
-def test_what_one_recording_does_not_tell_is_not_asked_of_it():
-    """Two directions: one recording tells the first only, and moves nothing of the second."""
+def test_a_recording_does_not_count_for_what_it_does_not_identify():
+    """Two directions: one recording identifies the first only, and does not change the second."""
     first, others = np.diag([1 / 3, 0.0]), np.diag([1 / 3, 1 / 2])
-    told = [Told(np.array([1.0, 99.0]), first, np.array([1.0, np.inf]), first**2, np.array([True, False])),
-            *(Told(np.array([v, w]), others, np.ones(2), others**2, np.ones(2, bool))
-              for v, w in ((5.0, 1.0), (-6.0, -1.0)))]
-    found = repeats_of(told)
+    estimates = [RecordingEstimate(np.array([1.0, 99.0]), first, np.array([1.0, np.inf]), first**2,
+                                   np.array([True, False])),
+                 *(RecordingEstimate(np.array([v, w]), others, np.ones(2), others**2, np.ones(2, bool))
+                   for v, w in ((5.0, 1.0), (-6.0, -1.0)))]
+    found = repeatability_of(estimates)
     assert found.scatter[0] == pytest.approx(np.sqrt(np.var([1.0, 5.0, -6.0], ddof=1) - 1.0))
     assert found.scatter[1] == pytest.approx(1.0)  # variance 2 of two, less the noise
     assert found.between[1, 1] == pytest.approx(1.0 / 2.0)
-    alone = repeats_of([replace(t, tells=np.array([i == 0, True])) for i, t in enumerate(told)])
+    alone = repeatability_of([replace(t, identifiable=np.array([i == 0, True])) for i, t in enumerate(estimates)])
     assert np.isnan(alone.scatter[0]) and alone.between[0, 0] == 0.0
-    assert repeats_of(told[:1]) is None
+    assert repeatability_of(estimates[:1]) is None
 
 
 def lines_with(scatter, between, within, p=1.0, std=1.0):
     line = Parameter("motor.inertia", 10.0, "kg m^2", None, std, (8.0, 12.0), std_noise=std)
-    r = Repeats(np.array([scatter]), np.array([[within]]), np.array([[between]]), np.array([4.0]), np.array([p]))
+    r = Repeatability(np.array([scatter]), np.array([[within]]), np.array([[between]]), np.array([4.0]),
+                      np.array([p]))
     names = ("motor.inertia",)
     return with_scatter([line], Covariance(names, np.array([[std**2]])), names, r, one_body())
 
 
 def test_scatter_is_added_once():
-    """What the noise between blocks shows of it already is not added again."""
+    """The scatter that the noise between blocks contains already is not added again."""
     (line,), covariance, said = lines_with(2.0, 3.0, 0.5)
     assert line.std == pytest.approx(np.sqrt(3.5)) and line.std_between == pytest.approx(np.sqrt(2.5))
     assert covariance.matrix[0, 0] == pytest.approx(3.5) and line.repeatability == 2.0 and said == ()
@@ -111,7 +119,7 @@ def test_scatter_is_added_once():
     assert line.std_between is None and line.repeatability is None
 
 
-def test_a_scatter_beyond_noise_is_said():
+def test_a_scatter_beyond_noise_is_reported():
     assert lines_with(2.0, 3.0, 0.5, p=0.011)[2] == ()
     said, = lines_with(2.0, 3.0, 0.5, p=0.009)[2]
     assert said.code == "records-scatter" and "motor.inertia by 2 kg m^2" in said.text
@@ -154,18 +162,18 @@ def test_equal_days_do_not_scatter(criterion):
             assert np.hypot(five.std_noise, five.std_between) < 0.8 * one.std_noise, five.name
 
 
-def test_what_only_noise_tells_apart_is_not_told():
+def test_directions_separated_only_by_noise_are_not_identified():
     """Two columns that are one but for a millionth of their power."""
     matrix = np.array([[1.0, 1.0], [1.0, 1.0 + 1e-6]])
-    assert tells(matrix, np.linalg.inv(matrix)).tolist() == [False, False]
-    assert tells(np.diag([1.0, 0.0]), np.diag([1.0, 0.0])).tolist() == [True, False]
+    assert identifiable_alone(matrix, np.linalg.inv(matrix)).tolist() == [False, False]
+    assert identifiable_alone(np.diag([1.0, 0.0]), np.diag([1.0, 0.0])).tolist() == [True, False]
     loose = np.array([[1.0, 0.9], [0.9, 1.0]])
-    assert tells(loose, np.linalg.inv(loose)).all()
+    assert identifiable_alone(loose, np.linalg.inv(loose)).all()
 
 
 @pytest.mark.slow
 @pytest.mark.parametrize("criterion", ["auto", "inverse"])
-def test_a_recording_at_one_speed_has_no_say_in_how_the_inertia_varies(criterion):
+def test_a_recording_at_one_speed_does_not_count_for_the_scatter_of_the_inertia(criterion):
     """By least squares its noise alone would say that it has none."""
     values = machine_of(2)
     days = days_of(values, 2, 0.0, 2)
@@ -183,7 +191,7 @@ def test_a_recording_at_one_speed_has_no_say_in_how_the_inertia_varies(criterion
 
 @pytest.mark.slow
 def test_with_instruments_the_scatter_is_that_of_the_machines():
-    """Held against what was simulated: the bound of what noise does to least squares would hide half of it."""
+    """Compared with the simulated scatter: the bound of the noise in least squares would hide half of it."""
     axis, rng = MACHINES[2], np.random.default_rng(12)
     factors = 1.0 + 0.015 * rng.standard_normal(8)
     machines = [replace(axis, values=(axis.values[0] * f, *axis.values[1:])) for f in factors]

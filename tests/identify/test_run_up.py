@@ -1,4 +1,4 @@
-"""Run-ups of an induction motor beside its run-down: the voltages of its supply fix the scale of the torques."""
+"""Run-ups of an induction motor after its coast-down: the voltages of its supply fix the scale of the torques."""
 
 from dataclasses import replace
 
@@ -15,12 +15,12 @@ from drivetool.identify.steady.estimator import steady
 from tests.coasting import Motor
 from tests.induction import ELECTRICAL, Machine, run_up, switched
 
-HOW = Options(method="coast-down")
+COAST_DOWN_OPTIONS = Options(method="coast-down")
 TRUTH = {"motor.inertia": 8.7499e-5, "motor.viscous": 1.0791e-4, "motor.coulomb": 0.012998}
 KNOWN = one_body().with_values(ELECTRICAL)
 
 
-def fitted(*experiments, drive=KNOWN, options=HOW):
+def fitted(*experiments, drive=KNOWN, options=COAST_DOWN_OPTIONS):
     """The estimate of recordings of a supply."""
     return steady(*as_stator_voltages(experiments, drive, off_too=True), options)
 
@@ -31,7 +31,7 @@ def values(estimate):
 
 
 @pytest.mark.parametrize("phases", [False, True], ids=["voltage and frequency", "two phases"])
-def test_a_run_up_tells_inertia_and_friction(phases):
+def test_a_run_up_identifies_inertia_and_friction(phases):
     estimate = fitted(switched(1, phases=phases))
     assert not estimate.findings
     for name, truth in TRUTH.items():
@@ -68,19 +68,19 @@ def test_another_resistance_is_said_and_another_number_of_poles_refused():
     e = switched(4)
     found = fitted(e, drive=KNOWN.with_values({"motor.rotor_resistance": 44.0}))
     (said,) = found.findings
-    assert said.code == "torque-not-explained" and "electrical" in said.text
+    assert said.code == "torque-contradicts-motion" and "electrical" in said.text
     with pytest.raises(BadRecording, match="pole pairs"):
         fitted(e, drive=KNOWN.with_values({"motor.pole_pairs": 2.0}))
 
 
 @pytest.mark.slow
-def test_the_flux_is_waited_for_by_itself():
+def test_the_flux_decay_is_waited_for_by_default():
     assert flux_decay(KNOWN) == pytest.approx(3.0 * 2.06 / 42.2)
     assert flux_decay(one_body()) == 0.0
     e = switched(5)
     spans = fitted(e).details["spans"]
     assert spans[1]["start"] - spans[0]["end"] == pytest.approx(3.0 * 2.06 / 42.2, abs=1e-4)
-    told = fitted(e, options=replace(HOW, flux_decay=0.3)).details["spans"]
+    told = fitted(e, options=replace(COAST_DOWN_OPTIONS, flux_decay=0.3)).details["spans"]
     assert told[1]["start"] - told[0]["end"] == pytest.approx(0.3, abs=1e-4)
 
 
@@ -118,7 +118,7 @@ def test_other_steps_take_the_run_up_and_say_what_they_leave_out():
                                                                          e.signals["supply_voltage"], 0.0)})
     (cut,), drive = as_stator_voltages((e,), KNOWN.with_values(TRUTH | {"motor.inertia": 8.5e-5,
                                                                         "motor.idle_torque": 0.0}))
-    assert [f.code for f in cut.findings] == ["supply-off"]
+    assert [f.code for f in cut.findings] == ["stretches-left-out"]
     estimate = greybox([cut], drive, Options(free=("motor.inertia",), hold=("motor.viscous", "motor.coulomb",
                                                                             "motor.idle_torque")))
     p = values(estimate)["motor.inertia"]

@@ -19,7 +19,7 @@ STEP = 1e-3
 B, A = np.array([0.0, 0.3, -0.45, 0.28]), np.poly([0.97, 0.9 * np.exp(0.6j), 0.9 * np.exp(-0.6j)]).real
 
 
-def true(frequency, step=STEP):
+def true_response(frequency, step=STEP):
     return signal.freqz(B, A, 2 * np.pi * np.asarray(frequency) * step)[1]
 
 
@@ -102,8 +102,8 @@ def test_in_closed_loop_the_indirect_estimate_is_right_and_h1_is_not():
     # |error|^2 over its mean is exponential: 2 % lie above 2 std, if the stated variance is right.
     assert np.mean(off["indirect"] > 2.0) < 0.06 and off["indirect"].max() < 4.0
     assert np.median(off["h1"][:20]) > 10.0
-    assert feedback_of([x[:, :2]]).there
-    assert not feedback_of([noise_record(20_000, 5, 0.5)]).there
+    assert feedback_of([x[:, :2]]).significant
+    assert not feedback_of([noise_record(20_000, 5, 0.5)]).significant
 
 
 # periods
@@ -115,10 +115,10 @@ def test_a_periodic_response_is_exact_at_the_excited_lines_and_nowhere_else():
     x = np.column_stack([u, signal.lfilter(B, A, u)])
     r = periodic_response([lines_of(x, STEP, 500, 20)])
     np.testing.assert_allclose(r.frequency, lines / (500 * STEP))
-    np.testing.assert_allclose(r.g, true(r.frequency), rtol=1e-6)
+    np.testing.assert_allclose(r.g, true_response(r.frequency), rtol=1e-6)
     s = spectra([experiment(x[:, 0], x[:, 1])], SpectraOptions(skip=20))
     np.testing.assert_allclose(s.mean.frequency, r.frequency)
-    assert "empty-lines" in [f.code for f in s.findings]
+    assert "excitation-gaps" in [f.code for f in s.findings]
 
 
 def test_noise_variance_over_periods_is_that_of_many_runs():
@@ -147,12 +147,13 @@ def test_a_drift_leaves_the_lines_alone_and_costs_no_period(periods):
     found = lines_of(np.column_stack([u, y + slow]), STEP, size, 0)
     assert len(found.u) == periods
     r = periodic_response([found])
-    np.testing.assert_allclose(r.g, true(r.frequency), rtol=1e-3, atol=1e-3 * np.abs(true(r.frequency)).max())
+    np.testing.assert_allclose(r.g, true_response(r.frequency), rtol=1e-3,
+                               atol=1e-3 * np.abs(true_response(r.frequency)).max())
     assert np.all(r.noise < 1e-4 * np.abs(r.g) ** 2)
 
 
 @pytest.mark.parametrize(("even", "odd"), [(0.02, 0.0), (0.0, 0.01), (0.02, 0.01), (0.0, 0.0)])
-def test_even_and_odd_distortion_are_told_apart(even, odd):
+def test_even_and_odd_distortion_are_separated(even, odd):
     lines = np.array([k for k in range(1, 120, 2) if k % 8 != 5])  # odd lines, every fourth left out
     period = multisine(1000, lines, 3) / 5.0
     u = np.tile(period, 6)
@@ -194,31 +195,33 @@ def test_the_period_is_found(size, count, seed, noise):
     assert period_of(np.random.default_rng(seed).standard_normal(size * count)) is None
 
 
-# what is said of a response
+# findings on a response
 
 
-def said(*pairs, **options):
+def severity_by_code(*pairs, **options):
     """Code -> severity of the findings on (torque, output) of each run."""
     found = spectra([experiment(u, y) for u, y in pairs], SpectraOptions(**options)).findings
     return {f.code: f.severity for f in found}
 
 
-ODD = np.array([k for k in range(1, 120, 2) if k % 8 != 5])  # odd lines, every fourth left out
+ODD_LINES = np.array([k for k in range(1, 120, 2) if k % 8 != 5])  # odd lines, every fourth left out
 
 
 @pytest.mark.parametrize(("even", "odd"), [(0.05, 0.0), (0.0, 0.05), (5e-4, 5e-4), (0.0, 0.0)])
 def test_loud_distortion_is_a_warning_and_weak_distortion_a_note(even, odd):
-    u = np.tile(multisine(1000, ODD, 3) / 5.0, 6)
+    u = np.tile(multisine(1000, ODD_LINES, 3) / 5.0, 6)
     noise = 1e-5 * np.random.default_rng(1).standard_normal(len(u))
-    found = said((u, u + even * u**2 + odd * u**3 + noise))
+    findings = spectra([experiment(u, u + even * u**2 + odd * u**3 + noise)], SpectraOptions()).findings
+    found = {kind: f.severity for f in findings for kind in ("even", "odd")
+             if f.code == "nonlinear-distortion" and f"{kind} nonlinear" in f.text}
     severity = {0.05: "warning", 5e-4: "note", 0.0: None}
-    assert (found.get("even-distortion"), found.get("odd-distortion")) == (severity[even], severity[odd])
-    assert "distortion-hidden" not in found
+    assert (found.get("even"), found.get("odd")) == (severity[even], severity[odd])
+    assert "distortion-not-separable" not in {f.code for f in findings}
 
 
 def test_a_full_multisine_hides_its_distortion():
     u = np.tile(multisine(500, np.arange(1, 100), 1), 6)
-    assert said((u, u))["distortion-hidden"] == "note"
+    assert severity_by_code((u, u))["distortion-not-separable"] == "note"
 
 
 @pytest.mark.parametrize("cube", [0.0, 0.05])
@@ -227,7 +230,7 @@ def test_distortion_shows_in_the_variance_over_runs(cube):
     for k in range(6):
         u = np.tile(multisine(500, np.arange(1, 100), 20 + k) / 7.0, 5)
         runs.append((u, u + cube * u**3 + 1e-3 * np.random.default_rng(k).standard_normal(len(u))))
-    assert ("distortion-over-runs" in said(*runs)) == (cube > 0.0)
+    assert ("nonlinear-distortion" in severity_by_code(*runs)) == (cube > 0.0)
 
 
 @pytest.mark.parametrize(("noise", "low"), [(0.01, False), (1.0, True)])
@@ -236,30 +239,30 @@ def test_lines_of_low_coherence_are_counted(noise, low):
     rng = np.random.default_rng(2)
     u = rng.standard_normal(20_000)
     y = signal.lfilter([0.1], [1.0, -0.9], u) + noise * 0.1 * rng.standard_normal(len(u))
-    assert said((u, y)).get("low-coherence") == ("warning" if low else None)
+    assert severity_by_code((u, y)).get("low-coherence") == ("warning" if low else None)
 
 
-# what cannot be
+# refusals
 
 
-def two(n=4000, seed=1, noise=0.1):
+def noisy_run(n=4000, seed=1, noise=0.1):
     x = noise_record(n, seed, noise)
     return experiment(x[:, 0], x[:, 1])
 
 
-def test_several_runs_give_average_and_spread():
-    s = spectra([two(seed=k, noise=0.5) for k in range(6)], SpectraOptions(length=0.4))
+def test_several_runs_give_average_and_scatter():
+    s = spectra([noisy_run(seed=k, noise=0.5) for k in range(6)], SpectraOptions(length=0.4))
     assert len(s.runs) == 6 and s.spread.shape == s.mean.g.shape
     one = np.sqrt(np.mean([r.noise for _, r in s.runs], axis=0))
     assert np.median(s.spread / one) == pytest.approx(1.0, abs=0.2)
-    off = np.abs(s.mean.g - true(s.mean.frequency)) ** 2 / s.mean.noise
+    off = np.abs(s.mean.g - true_response(s.mean.frequency)) ** 2 / s.mean.noise
     assert np.mean(off) == pytest.approx(1.0, abs=0.3)
 
 
 def test_incoherent_channels_are_a_failure():
     rng = np.random.default_rng(1)
     s = spectra([experiment(rng.standard_normal(20_000), rng.standard_normal(20_000))], SpectraOptions())
-    assert [f.code for f in s.findings if f.severity == "failure"] == ["incoherent"]
+    assert [f.code for f in s.findings if f.severity == "failure"] == ["low-coherence"]
 
 
 @pytest.mark.parametrize(("options", "error", "words"), [
@@ -274,9 +277,9 @@ def test_incoherent_channels_are_a_failure():
     (SpectraOptions(output="load_speed"), BadRecording, "load_speed"),
     (SpectraOptions(band=(600.0, 700.0)), BadOption, "band"),
 ])
-def test_what_cannot_be_is_said(options, error, words):
+def test_impossible_options_are_refused(options, error, words):
     with pytest.raises(error, match=words):
-        spectra([two()], options)
+        spectra([noisy_run()], options)
 
 
 @pytest.mark.parametrize("changes", [{"method": "magic"}, {"estimator": "h9"}])

@@ -1,4 +1,4 @@
-"""The steady step: recovers the truth with intervals that hold, and says what it cannot know."""
+"""The steady step: recovers the truth with valid intervals, and reports what is not identifiable."""
 
 from dataclasses import replace
 from itertools import pairwise
@@ -18,7 +18,7 @@ from drivetool.logs import Experiment
 STEP, INERTIA = 2e-3, 2.0
 VISCOUS, IDLE, COULOMB = 0.05, 3.0, 1.5
 LEVELS = (5.0, 20.0, 35.0, 50.0, 40.0, 25.0, 10.0)
-BOTH = (5.0, 25.0, 45.0, 15.0, -15.0, -45.0, -25.0, -5.0)
+BOTH_DIRECTIONS = (5.0, 25.0, 45.0, 15.0, -15.0, -45.0, -25.0, -5.0)
 
 
 def records(levels, count=1, seed=1, coulomb=0.0, viscous=VISCOUS, sensor=0.02, torque=0.3, dwell=4.0):
@@ -78,27 +78,27 @@ def test_one_direction_gives_the_sum_and_says_so():
     assert t0.value == pytest.approx(IDLE + COULOMB, abs=4 * t0.std) and t0.std < 0.05
     assert c.ci95[0] < VISCOUS < c.ci95[1]
     assert by_name["motor.coulomb"].status == "not-identifiable" and by_name["motor.coulomb"].std is None
-    assert {"idle-and-coulomb-together", "coulomb-body-unknown"} <= codes(found)
+    assert {"idle-torque-not-separable", "location-not-identifiable"} <= codes(found)
     assert found.covariance.names == ("total.viscous", "total.idle_torque")
     assert np.sqrt(np.diag(found.covariance.matrix)) == pytest.approx([c.std, t0.std])
     assert found.drive.values["total.idle_torque"] == t0.value
     assert found.fit["intervals"] >= 7 and found.fit["levels"] == 7
 
 
-def test_both_directions_tell_idle_torque_from_coulomb_friction():
-    found, by_name = run(one(BOTH, coulomb=COULOMB))
+def test_both_directions_separate_idle_torque_and_coulomb_friction():
+    found, by_name = run(one(BOTH_DIRECTIONS, coulomb=COULOMB))
     truth = {"motor.viscous": VISCOUS, "motor.idle_torque": IDLE, "motor.coulomb": COULOMB}
     for name, value in truth.items():
         assert by_name[name].value == pytest.approx(value, abs=4 * by_name[name].std)
         assert by_name[name].std < 0.1 and by_name[name].status == "fitted"
-    assert "idle-and-coulomb-together" not in codes(found)
+    assert "idle-torque-not-separable" not in codes(found)
 
 
 def test_backward_only():
     found, by_name = run(one(tuple(-x for x in LEVELS), coulomb=COULOMB))
     t0 = by_name["motor.idle_torque"]
     assert t0.value == pytest.approx(IDLE - COULOMB, abs=4 * t0.std)
-    assert "less the Coulomb" in next(f.text for f in found.findings if f.code == "idle-and-coulomb-together")
+    assert "less the Coulomb" in next(f.text for f in found.findings if f.code == "idle-torque-not-separable")
 
 
 def test_several_records_are_one_line():
@@ -134,8 +134,8 @@ def test_angle_instead_of_speed():
     assert by_name["motor.viscous"].value == pytest.approx(VISCOUS, abs=4 * by_name["motor.viscous"].std)
 
 
-def test_shaft_torque_tells_the_bodies_apart():
-    speed, torque = records(BOTH, coulomb=COULOMB)
+def test_shaft_torque_separates_the_bodies():
+    speed, torque = records(BOTH_DIRECTIONS, coulomb=COULOMB)
     rng = np.random.default_rng(4)
     share, w = 0.3, speed[:, 0]  # of viscous and Coulomb friction on the motor; the idle torque on the load
     motor = share * (VISCOUS * w + COULOMB * np.sign(w))
@@ -161,7 +161,7 @@ def test_one_level_is_not_a_line():
     assert (c.status, t0.status) == ("not-identifiable", "not-identifiable")
     assert c.std is None and t0.std is None and "two or more speeds" in c.reason
     assert t0.value == pytest.approx(IDLE + VISCOUS * 20, abs=0.1)
-    assert "one-level" in codes(found) and found.covariance is None
+    assert "single-speed" in codes(found) and found.covariance is None
     _, by_name = run(one((20.0,), dwell=8.0), one_body().with_values({"motor.viscous": VISCOUS}))
     assert by_name["motor.idle_torque"].value == pytest.approx(IDLE, abs=0.1)
     assert by_name["motor.idle_torque"].status == "not-identifiable"
@@ -185,9 +185,9 @@ def test_holding():
     log = one(LEVELS, coulomb=COULOMB)
     found, by_name = run(log, one_body().with_values({"motor.coulomb": COULOMB}), hold=("motor.coulomb",))
     t0 = by_name["motor.idle_torque"]
-    assert t0.value == pytest.approx(IDLE, abs=4 * t0.std) and "idle-and-coulomb-together" not in codes(found)
+    assert t0.value == pytest.approx(IDLE, abs=4 * t0.std) and "idle-torque-not-separable" not in codes(found)
     drive = two_mass().with_values({"motor.viscous": 0.02, "load.coulomb": 1.0})
-    found, by_name = run(one(BOTH, coulomb=COULOMB), drive, hold=("motor.viscous", "load.coulomb"))
+    found, by_name = run(one(BOTH_DIRECTIONS, coulomb=COULOMB), drive, hold=("motor.viscous", "load.coulomb"))
     assert by_name["load.viscous"].value == pytest.approx(VISCOUS - 0.02, abs=4 * by_name["load.viscous"].std)
     assert by_name["motor.coulomb"].value == pytest.approx(COULOMB - 1, abs=4 * by_name["motor.coulomb"].std)
     with pytest.raises(BadParameters, match=r"motor\.viscous"):
@@ -196,25 +196,25 @@ def test_holding():
 
 def test_start_values_are_reported_and_a_second_coulomb_is_not_counted_twice():
     drive = two_mass().with_values({"motor.viscous": 0.01, "load.viscous": 0.03, "load.coulomb": 9.0})
-    found, by_name = run(one(BOTH, coulomb=COULOMB), drive)
+    found, by_name = run(one(BOTH_DIRECTIONS, coulomb=COULOMB), drive)
     assert by_name["total.viscous"].start == pytest.approx(0.04)
     assert found.drive.values["load.coulomb"] == 0.0
     assert "motor.viscous" not in found.drive.values
 
 
-def test_falling_friction_is_clipped_and_said():
+def test_falling_friction_is_clipped_and_reported():
     found, by_name = run(one(LEVELS, viscous=-0.03))
     c = by_name["motor.viscous"]
     assert (c.value, c.status, c.std) == (0.0, "at-bound", None) and "negative" in c.reason
     assert c.ci95 == (0.0, 0.0)
-    assert next(f for f in found.findings if f.code == "negative-viscous").severity == "warning"
+    assert next(f for f in found.findings if f.code == "negative-estimate").severity == "warning"
 
 
 @pytest.mark.parametrize(("coulomb", "severity"), [(-1.5, "warning"), (COULOMB, None)])
-def test_friction_that_drives_the_motion_is_clipped_and_said(coulomb, severity):
-    found, by_name = run(one(BOTH, coulomb=coulomb))
+def test_friction_that_drives_the_motion_is_clipped_and_reported(coulomb, severity):
+    found, by_name = run(one(BOTH_DIRECTIONS, coulomb=coulomb))
     assert (by_name["motor.coulomb"].value == 0.0) == (coulomb < 0.0)
-    assert {f.code: f.severity for f in found.findings}.get("negative-coulomb") == severity
+    assert {f.code: f.severity for f in found.findings}.get("negative-estimate") == severity
 
 
 def test_a_bend_widens_the_intervals():
@@ -228,7 +228,7 @@ def test_a_bend_widens_the_intervals():
 
 def test_standstill_is_left_out():
     found, _ = run(one((20.0, 0.0, 40.0), coulomb=0.0))
-    assert "standstill-left-out" in codes(found)
+    assert "stretches-left-out" in codes(found)
     assert all(abs(p["speed"]) > 1 for p in found.details["points"])
 
 
@@ -254,16 +254,16 @@ def one_jerk():
                       jerk + rng.normal(size=8000))
 
 
-BAD = {
+REFUSED = {
     "none": (lambda: [swinging()], ["intervals of constant speed", "none in log.parquet", "several speeds"]),
     "standstill": (lambda: [one_jerk()], ["other than zero", "only standstill"]),
     "scatter": (scattered, ["on a line", "scatter", "Keep the load constant"]),
 }
 
 
-@pytest.mark.parametrize("case", BAD)
+@pytest.mark.parametrize("case", REFUSED)
 def test_not_enough(case):
-    make, words = BAD[case]
+    make, words = REFUSED[case]
     with pytest.raises(NotEnoughData) as caught:
         steady(make(), one_body(), Options())
     for word in words:
@@ -271,7 +271,7 @@ def test_not_enough(case):
 
 
 def test_pictures_and_points():
-    found, _ = run(one(BOTH, coulomb=COULOMB))
+    found, _ = run(one(BOTH_DIRECTIONS, coulomb=COULOMB))
     line, record = found.exhibits
     assert (line.kind, record.kind) == ("steady", "record")
     assert {"points", "std", "fit forward", "fit backward"} == set(line.curves)

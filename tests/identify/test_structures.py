@@ -15,7 +15,7 @@ from drivetool.identify.polynomial.cauer import chain_of
 from drivetool.identify.polynomial.pem_figures import figures_of
 from drivetool.identify.polynomial.pem_fit import fit_structure
 from drivetool.identify.polynomial.pem_model import KINDS, Prediction, Stretch, Structure
-from drivetool.identify.polynomial.structures import structured
+from drivetool.identify.polynomial.structures import polynomial_blackbox
 from drivetool.identify.setup.options import Options
 from tests.recover import experiment
 from tests.simulator.experiments import multisine
@@ -130,7 +130,7 @@ def test_no_chain_where_notch_and_resonance_do_not_alternate():
     assert chain_of(1.0, [3.0], [2.0]) == ((), ()) and chain_of(-1.0, [], []) == ((), ())
 
 
-# what comes out
+# results
 
 
 @pytest.mark.slow
@@ -138,7 +138,8 @@ def test_no_chain_where_notch_and_resonance_do_not_alternate():
 def test_a_chain_of_three_is_found_with_intervals_that_hold(kind):
     """All ten parameters of the linear robot axis, and the notch of the reference page."""
     e = record(ROBOT, 1, n=12_000, noise=0.05, top=60.0, amplitude=0.3, step=5e-4)
-    estimate = structured([e], three_mass().with_values({"shaft.ratio": 118.0}), Options(structure=kind, order=5))
+    estimate = polynomial_blackbox([e], three_mass().with_values({"shaft.ratio": 118.0}),
+                                   Options(structure=kind, order=5))
     truth = dict(zip((f"{b}.inertia" for b in ("motor", "gear", "arm")), ROBOT.inertia, strict=True))
     truth |= {"shaft.stiffness": 1.9e5, "shaft2.stiffness": 1.5e5, "shaft.damping": 168.0, "shaft2.damping": 12.0}
     lines = {p.name: p for p in estimate.parameters}
@@ -166,16 +167,16 @@ def test_order_by_held_out_score():
     assert estimate.details["order"] == 3
     scores = {row["order"]: row["held_out_simulation_fit_percent"] for row in estimate.details["orders"]}
     assert scores[3] > scores[1] + 5.0 and scores[7] < scores[3] + 0.5
-    advice = next(f for f in estimate.findings if f.code == "number-of-bodies")
+    advice = next(f for f in estimate.findings if f.code == "model-order")
     assert advice.severity == "note" and advice.evidence["bodies"] == 2
     assert advice.evidence["held_out_fit_percent_2"] == pytest.approx(scores[3])
 
 
 @pytest.mark.slow
-def test_three_bodies_are_asked_for_where_two_do_not_suffice():
+def test_three_bodies_are_advised_where_two_do_not_suffice():
     e = record(ROBOT, 1, noise=0.05, top=60.0, amplitude=0.3)
     estimate = blackbox([e], two_mass(), Options(structure="oe"))
-    advice = next(f for f in estimate.findings if f.code == "number-of-bodies")
+    advice = next(f for f in estimate.findings if f.code == "model-order")
     assert advice.severity == "warning" and advice.evidence["bodies"] == 3
     assert advice.evidence["held_out_fit_percent_3"] > advice.evidence["held_out_fit_percent_2"] + 10.0
     assert blackbox([e], three_mass(), Options(structure="oe")).findings[0].severity == "note"
@@ -188,7 +189,7 @@ def test_several_stretches_with_their_own_start_and_offset():
     moved = {"motor_torque": two_.signals["motor_torque"] + 7.0,
              "motor_speed": two_.signals["motor_speed"] + 7.0 / 1.2}
     two_ = type(two_)(two_.name, two_.sha256, two_.step, 0.0, moved, two_.segments)
-    estimate = structured([one, two_], two_mass(), Options(structure="oe", order=3))
+    estimate = polynomial_blackbox([one, two_], two_mass(), Options(structure="oe", order=3))
     for name, value in (("motor.inertia", 0.6), ("load.inertia", 5.2), ("shaft.stiffness", 3300.0)):
         p = next(p for p in estimate.parameters if p.name == name)
         assert abs(p.value - value) < 4.0 * p.std < 0.1 * value
@@ -201,13 +202,13 @@ def test_an_angle_serves_as_well():
     e = experiment(u, run.angles[:, 0])
     angle = run.angles[:, 0] + white_noise(n, 1e-6, 3)
     e = type(e)(e.name, e.sha256, e.step, e.start, {"motor_torque": u, "motor_angle": angle}, e.segments)
-    estimate = structured([e], two_mass(), Options(structure="bj", order=3, noise_order=2))
+    estimate = polynomial_blackbox([e], two_mass(), Options(structure="bj", order=3, noise_order=2))
     assert estimate.drive.values["load.inertia"] == pytest.approx(5.2, rel=0.01)
     assert estimate.details["notches"][0]["hz"]["value"] == pytest.approx(4.009, abs=0.02)
 
 
 @pytest.mark.slow
-def test_delta_method_agrees_with_the_spread_of_many_fits():
+def test_delta_method_agrees_with_the_scatter_of_many_fits():
     """Notch, resonance and response: stated std against that over 30 records."""
     found, stated = [], []
     truth = figures_of(fit_structure(stretches(record(RIG, 0, noise=1e-7)), Structure("oe", 3)), STEP)
@@ -230,13 +231,13 @@ def test_output_error_in_the_frequency_domain(weighting):
     run = simulate_linear(RIG, u, STEP)
     e = experiment(u, run.speeds[:, 0] + white_noise(len(u), 0.02, 1))
     options = Options(structure="oe", order=3, criterion="frequency", weighting=weighting)
-    estimate = structured([e], two_mass(), options)
+    estimate = polynomial_blackbox([e], two_mass(), options)
     assert estimate.fit["chi_square_per_degree"] < 2.0 and estimate.details["weighting"] == weighting
     for name, value in (("motor.inertia", 0.6), ("load.inertia", 5.2), ("shaft.stiffness", 3300.0)):
         p = next(p for p in estimate.parameters if p.name == name)
         assert abs(p.value - value) < 4.0 * p.std < 0.2 * value, name
     with pytest.raises(BadOption, match="structure oe"):
-        structured([e], two_mass(), Options(structure="bj", order=3, criterion="frequency"))
+        polynomial_blackbox([e], two_mass(), Options(structure="bj", order=3, criterion="frequency"))
 
 
 # closed loop
@@ -261,40 +262,41 @@ def test_in_closed_loop_the_right_noise_model_is_unbiased_and_its_lack_is_found(
         off = []
         for seed in range(4):
             e, b = closed_loop(seed)
-            estimate = structured([e], one_body(), Options(structure=kind, order=1, noise_order=1))
+            estimate = polynomial_blackbox([e], one_body(), Options(structure=kind, order=1, noise_order=1))
             off.append(estimate.details["polynomials_over_1/q"]["B"][1] / b - 1.0)
         first[kind] = np.mean(off), np.std(off) / np.sqrt(4), {f.code for f in estimate.findings}
-    assert abs(first["bj"][0]) < 4 * first["bj"][1] + 2e-3 and "noise-model-matters" not in first["bj"][2]
+    assert abs(first["bj"][0]) < 4 * first["bj"][1] + 2e-3 and "residual-correlated" not in first["bj"][2]
     assert abs(first["oe"][0]) > 5 * abs(first["bj"][0]) + 5 * first["oe"][1]
-    assert "noise-model-matters" in first["oe"][2]
+    assert "residual-correlated" in first["oe"][2]
 
 
-# what is said of the residual and of the order
+# findings on the residual and on the order
 
 
 @pytest.mark.parametrize(("kind", "torque_noise", "code"), [
-    ("oe", 0.3, "errors-not-white"), ("arx", 0.3, "noise-model-wrong"), ("innovations", 0.3, None),
+    ("oe", 0.3, "residual-correlated"), ("arx", 0.3, "residual-correlated"), ("innovations", 0.3, None),
     ("oe", 0.0, None)])
-def test_a_coloured_residual_is_said_of_the_structure_that_it_hurts(kind, torque_noise, code):
+def test_a_coloured_residual_is_reported_for_the_structure_that_it_biases(kind, torque_noise, code):
     """Torque noise passes through the drive: only the innovations form has its colour."""
-    found = structured([record(RIG, 6, torque_noise=torque_noise)], two_mass(), Options(structure=kind, order=3))
-    said = {f.code for f in found.findings} & {"errors-not-white", "noise-model-wrong"}
+    found = polynomial_blackbox([record(RIG, 6, torque_noise=torque_noise)], two_mass(),
+                                Options(structure=kind, order=3))
+    said = {f.code for f in found.findings} & {"residual-correlated"}
     assert said == ({code} if code else set())
 
 
 @pytest.mark.parametrize(("order", "said"), [(1, True), (3, False)])
 def test_an_order_that_has_no_chain_gives_no_parameters(order, said):
-    found = structured([record(RIG, 6, n=2000)], two_mass(), Options(structure="oe", order=order))
+    found = polynomial_blackbox([record(RIG, 6, n=2000)], two_mass(), Options(structure="oe", order=order))
     assert ("no-conversion" in {f.code for f in found.findings}) == said
     assert ("shaft.stiffness" in found.drive.values) != said
 
 
-# what cannot be
+# refusals
 
 
 def test_too_high_an_order_is_found():
-    estimate = structured([record(RIG, 6)], two_mass(), Options(structure="oe", order=5))
-    assert "order-too-high" in {f.code for f in estimate.findings}
+    estimate = polynomial_blackbox([record(RIG, 6)], two_mass(), Options(structure="oe", order=5))
+    assert "model-order" in {f.code for f in estimate.findings}
 
 
 def test_an_unstable_estimate_is_reported_and_not_simulated():
@@ -305,7 +307,7 @@ def test_an_unstable_estimate_is_reported_and_not_simulated():
     for k in range(n - 1):
         u[k] -= 0.5 * y[k]
         y[k + 1] = 1.05 * y[k] + u[k] + 0.1 * rng.standard_normal()
-    estimate = structured([experiment(u, y)], one_body(), Options(structure="arx", order=1))
+    estimate = polynomial_blackbox([experiment(u, y)], one_body(), Options(structure="arx", order=1))
     assert estimate.fit["simulation_fit_percent"] is None and estimate.details["unstable"]
     assert [f.code for f in estimate.findings if f.severity == "failure"] == ["unstable-estimate"]
 
@@ -315,12 +317,12 @@ def test_an_unstable_estimate_is_reported_and_not_simulated():
     (Options(structure="oe", order=0), BadOption, "order"),
     (Options(structure="oe", order=40), NotEnoughData, "order 40"),
 ])
-def test_what_cannot_be_is_said(options, error, words):
+def test_impossible_options_are_refused(options, error, words):
     with pytest.raises(error, match=words):
-        structured([record(RIG, 1, n=90)], two_mass(), options)
+        polynomial_blackbox([record(RIG, 1, n=90)], two_mass(), options)
 
 
 def test_nothing_that_moves():
     with pytest.raises(NotEnoughData, match="torque that changes"):
-        structured([experiment(np.ones(500), np.random.default_rng(1).standard_normal(500))], two_mass(),
+        polynomial_blackbox([experiment(np.ones(500), np.random.default_rng(1).standard_normal(500))], two_mass(),
                    Options(structure="oe", order=3))

@@ -13,7 +13,7 @@ from drivetool.identify.frequency.estimator import SpectraOptions, spectra
 from drivetool.identify.greybox.estimator import greybox
 from drivetool.identify.polynomial.pem_fit import fit_structure
 from drivetool.identify.polynomial.pem_model import KINDS, Stretch, Structure
-from drivetool.identify.polynomial.structures import structured
+from drivetool.identify.polynomial.structures import polynomial_blackbox
 from drivetool.identify.setup.options import Options
 from tests.recover import STEP, experiment
 from tests.simulator.experiments import multisine
@@ -36,7 +36,7 @@ def record(seed, n=4000, torque_noise=0.0):
 def test_rmse_and_fit_are_those_of_a_free_run(kind):
     """Run by SciPy from the printed polynomials; start values and offset by one linear regression."""
     e = record(2, torque_noise=0.05)
-    estimate = structured([e], two_mass(), Options(structure=kind, order=3))
+    estimate = polynomial_blackbox([e], two_mass(), Options(structure=kind, order=3))
     p = estimate.details["polynomials_over_1/q"]
     bottom = p["A"] if "A" in p else p["F"]
     u, y = e.signals["motor_torque"], e.signals["motor_speed"]
@@ -99,9 +99,9 @@ def test_the_noise_is_that_of_the_restricted_likelihood(seed):
 def test_a_model_of_noise_is_a_failure(kind):
     rng = np.random.default_rng(4)
     nothing = experiment(rng.standard_normal(6000), rng.standard_normal(6000))
-    estimate = structured([nothing], two_mass(), Options(structure=kind, order=3))
-    assert "incoherent" in {f.code for f in estimate.findings if f.severity == "failure"}
-    assert "incoherent" not in {f.code for f in structured([record(1)], two_mass(), Options(
+    estimate = polynomial_blackbox([nothing], two_mass(), Options(structure=kind, order=3))
+    assert "low-coherence" in {f.code for f in estimate.findings if f.severity == "failure"}
+    assert "low-coherence" not in {f.code for f in polynomial_blackbox([record(1)], two_mass(), Options(
         structure=kind, order=3)).findings}
 
 
@@ -110,7 +110,8 @@ def test_lines_that_carry_nothing_are_not_fitted():
     rng = np.random.default_rng(4)
     nothing = experiment(rng.standard_normal(6000), rng.standard_normal(6000))
     for fit in (lambda e: greybox([e], START, Options(criterion="frequency")),
-                lambda e: structured([e], two_mass(), Options(structure="oe", order=3, criterion="frequency"))):
+                lambda e: polynomial_blackbox([e], two_mass(),
+                                              Options(structure="oe", order=3, criterion="frequency"))):
         with pytest.raises(NotEnoughData, match=r"coherence above 0\.5; found 0"):
             fit(nothing)
     lines = np.array([1.0, 2.0, 3.0, 3.5, 4.0, 4.5, 6.0, 9.0, 11.0, 12.0, 12.5, 13.0, 14.0, 20.0])

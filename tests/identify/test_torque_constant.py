@@ -14,7 +14,7 @@ from drivetool.identify.greybox.estimator import greybox
 from drivetool.identify.setup.by_record import as_recorded
 from drivetool.identify.setup.options import Options
 from drivetool.identify.setup.setup import Roles, roles_of
-from drivetool.identify.setup.torque_constant import as_torques, check_scale, for_models
+from drivetool.identify.setup.torque_constant import as_torques, as_torques_for_models, check_torque_scale
 from tests.identify.swing import TRUTH, record, swing
 from tests.recover import STEP, drive_like, experiment, resonance, truth
 from tests.simulator.experiments import multisine, steps
@@ -113,18 +113,18 @@ def speeds(drive, made, number=0):
 
 
 def test_models_of_one_recording_keep_their_own_constants():
-    """The recording is multiplied once; the second model knows by what, and takes the rest on itself."""
+    """The recording is multiplied once; the second model contains the remaining factor."""
     made, other = logged({}, "b", "A"), driven({CONSTANT: 0.5, f"{CONSTANT}@b": 0.7, "motor.viscous": 0.1})
-    (found,), drives = for_models([made], [driven({CONSTANT: K}), other])
+    (found,), drives = as_torques_for_models([made], [driven({CONSTANT: K}), other])
     alone = as_torques([made], other)
     np.testing.assert_allclose(speeds(drives[1], found, found.number), speeds(alone[1], alone[0][0]), rtol=1e-9)
     np.testing.assert_array_equal(found.signals["motor_torque"], K * WAVE)
     with pytest.raises(BadParameters, match="torques in Nm, as the first has them; found one in A"):
-        for_models([made], [driven({CONSTANT: K}), one_body("A")])
+        as_torques_for_models([made], [driven({CONSTANT: K}), one_body("A")])
 
 
 def test_of_torques_no_model_takes_its_constant():
-    _, drives = for_models([logged({})], [driven({CONSTANT: K}), driven({CONSTANT: 0.5})])
+    _, drives = as_torques_for_models([logged({})], [driven({CONSTANT: K}), driven({CONSTANT: 0.5})])
     assert [CONSTANT in d.values for d in drives] == [False, False]
 
 
@@ -170,17 +170,17 @@ MOTION = Roles(("motor_torque",), ("motor_speed",))
     ({}, Roles(("motor_torque", "load_torque"), ("motor_speed",)), ()),
     ({}, Roles(("motor_torque", "motor2_torque"), ("motor_speed",)), ()),
 ])
-def test_what_tells_how_large_a_torque_is(values, roles, hold):
+def test_which_known_torques_identify_the_constant(values, roles, hold):
     drive, free = driven({CONSTANT: K, **values}, two_mass()), (CONSTANT, "motor.inertia", "load.inertia")
-    check_scale(drive, tuple(n for n in free if n not in hold), roles, hold)
+    check_torque_scale(drive, tuple(n for n in free if n not in hold), roles, hold)
 
 
 @pytest.mark.parametrize("values", [{}, {"motor.coulomb": 2.0}, {"shaft.ratio": 3.0}])
-def test_where_nothing_does_it_is_said_before_the_fit(values):
+def test_where_none_does_the_fit_is_refused(values):
     """A friction that was not named may come from a step that took the constant as given."""
     drive = driven({CONSTANT: K, **values}, two_mass())
     with pytest.raises(BadOption, match=r"known size beside a free motor.torque_constant; found only motor_torque"):
-        check_scale(drive, (CONSTANT, "motor.inertia", "load.inertia"), MOTION, ("shaft.ratio",))
+        check_torque_scale(drive, (CONSTANT, "motor.inertia", "load.inertia"), MOTION, ("shaft.ratio",))
 
 
 def one_body_record(seed=3, **more):
@@ -197,15 +197,15 @@ def fitted(made, drive, *hold):
     return {p.name: p for p in estimate.parameters}, estimate
 
 
-def test_an_inertia_that_is_held_tells_it():
+def test_a_held_inertia_identifies_the_constant():
     rows, estimate = fitted(one_body_record(), driven({**TRUTH, CONSTANT: 0.45}), "motor.inertia")
     line = rows[CONSTANT]
     assert abs(line.value - K) < 3.0 * line.std < 0.05 * K and line.unit == "Nm/A" and line.status == "fitted"
     assert line.start == 0.45 and CONSTANT in estimate.covariance.names
 
 
-def test_a_load_torque_that_never_acts_tells_nothing():
-    """What structure cannot say the record does: no interval of any torque."""
+def test_a_load_torque_that_never_acts_does_not_identify_it():
+    """The record shows what the structure does not: no torque has an interval."""
     made = one_body_record(load_torque=np.zeros(2000))
     rows, estimate = fitted(replace(made, torque_unit="Nm", input_units={"motor_torque": "A"}),
                             driven({**TRUTH, CONSTANT: 0.45}))

@@ -1,11 +1,11 @@
-"""Torque that is logged in another cycle than it acts in: found, cured by `shift`; nothing else is taken for it."""
+"""Torque logged in another cycle than it acts in: found, corrected by `shift`; nothing else is mistaken for it."""
 
 from dataclasses import replace
 
 import numpy as np
 import pytest
 
-from drivetool.check.faults import late_torque, looked_at
+from drivetool.check.faults import late_torque, torque_timing_findings
 from drivetool.drive import one_body, two_mass
 from drivetool.identify.backlash.estimator import backlash
 from drivetool.identify.blackbox.estimator import blackbox
@@ -22,7 +22,7 @@ from tests.simulator.machine import machine_by_seed
 
 N, STEP = 4000, 2e-3
 INERTIA, VISCOUS = 0.02, 0.03
-WAYS = {"right": 0, "late": 1, "early": -1}
+SHIFT_BY_NAME = {"right": 0, "late": 1, "early": -1}
 
 
 def excitation(rng, hold=40):
@@ -42,7 +42,7 @@ def axis(seed, noise=0.02, measured=False):
 
 
 def record(torque, speed, way="right", shift=None):
-    channels = {"motor_torque": Channel(np.arange(N) * STEP, np.roll(torque, WAYS[way]), "Nm"),
+    channels = {"motor_torque": Channel(np.arange(N) * STEP, np.roll(torque, SHIFT_BY_NAME[way]), "Nm"),
                 "motor_speed": Channel(np.arange(N) * STEP, speed, "rad/s")}
     roles = {role: {"channel": role} for role in channels}
     if shift is not None:
@@ -56,15 +56,15 @@ def fitted(experiment):
     return greybox([experiment], start, Options())
 
 
-SHIFTS = ("torque-late", "torque-early")
-ALL = (*SHIFTS, "torque-filtered", "input-delay")
+SHIFT_CODES = ("torque-shifted", "torque-shifted")
+TIMING_CODES = (*SHIFT_CODES, "torque-filtered", "input-delay")
 
 
-def told(findings, of=SHIFTS):
+def findings_by_code(findings, of=SHIFT_CODES):
     return {f.code: f for f in findings if f.code in of}
 
 
-def row(estimate, name="motor.inertia"):
+def parameter_line(estimate, name="motor.inertia"):
     return next(p for p in estimate.parameters if p.name == name)
 
 
@@ -75,15 +75,15 @@ def test_a_shift_is_found_and_its_cure_is_one(way, noise):
     torque, speed = axis(3, noise)
     right = fitted(record(torque, speed))
     wrong = fitted(record(torque, speed, way))
-    found = told(wrong.findings)[f"torque-{way}"]
-    assert found.evidence["shift"] == pytest.approx(-WAYS[way] * STEP)
-    assert f"`shift: {-WAYS[way] * STEP:g}`" in found.action
+    found = findings_by_code(wrong.findings)["torque-shifted"]
+    assert found.evidence["shift"] == pytest.approx(-SHIFT_BY_NAME[way] * STEP)
+    assert f"`shift: {-SHIFT_BY_NAME[way] * STEP:g}`" in found.action
     cured = fitted(record(torque, speed, way, found.evidence["shift"]))
-    assert not told(right.findings) and not told(cured.findings)
-    assert abs(row(cured).value - INERTIA) < 3.0 * row(cured).std
-    assert row(cured).std < 1.2 * row(right).std
-    assert set(told(looked_at(record(torque, speed, way)))) == {f"torque-{way}"}
-    assert not told(looked_at(record(torque, speed)))
+    assert not findings_by_code(right.findings) and not findings_by_code(cured.findings)
+    assert abs(parameter_line(cured).value - INERTIA) < 3.0 * parameter_line(cured).std
+    assert parameter_line(cured).std < 1.2 * parameter_line(right).std
+    assert set(findings_by_code(torque_timing_findings(record(torque, speed, way)))) == {"torque-shifted"}
+    assert not findings_by_code(torque_timing_findings(record(torque, speed)))
 
 
 @pytest.mark.slow
@@ -94,11 +94,11 @@ def test_two_masses(way):
     names = ("motor.inertia", "load.inertia", "shaft.stiffness", "shaft.damping", "total.viscous",
              "total.idle_torque")
     late = replace(whole, signals={**whole.signals, "motor_torque": np.roll(
-        whole.signals["motor_torque"], WAYS[way])})
+        whole.signals["motor_torque"], SHIFT_BY_NAME[way])})
     found = greybox([late], drive_like(machine, list(names), 0.1), Options())
-    assert set(told(found.findings)) == ({f"torque-{way}"} if WAYS[way] else set())
-    if not WAYS[way]:
-        assert abs(row(found).value - truth(machine)["motor.inertia"]) < 3.0 * row(found).std
+    assert set(findings_by_code(found.findings)) == ({"torque-shifted"} if SHIFT_BY_NAME[way] else set())
+    if not SHIFT_BY_NAME[way]:
+        assert abs(parameter_line(found).value - truth(machine)["motor.inertia"]) < 3.0 * parameter_line(found).std
 
 
 def ringing(seed=2):
@@ -129,36 +129,37 @@ def closed_loop(seed=5, gain=0.4):
 
 @pytest.mark.parametrize("make", [
     pytest.param(ringing, marks=pytest.mark.slow), closed_loop, lambda: axis(7, 0.005, measured=True)])
-def test_nothing_else_is_taken_for_it(make):
+def test_nothing_else_is_mistaken_for_a_shift(make):
     experiment = record(*make())
-    assert not told(fitted(experiment).findings) and not told(looked_at(experiment))
+    assert not findings_by_code(fitted(experiment).findings) and not findings_by_code(
+        torque_timing_findings(experiment))
 
 
 @pytest.mark.slow
-def test_a_loop_tells_it_too():
+def test_a_shift_is_found_in_closed_loop():
     torque, speed = closed_loop()
-    assert set(told(fitted(record(torque, speed, "late")).findings)) == {"torque-late"}
+    assert set(findings_by_code(fitted(record(torque, speed, "late")).findings)) == {"torque-shifted"}
 
 
 @pytest.mark.slow
 def test_bounds_have_a_reason(monkeypatch):
-    """A tenth of what a model may leave, and a shift goes unseen; all of it, and one body explains a resonance."""
+    """With a tenth of the residual limit a shift is missed; without a limit, one body explains a resonance."""
     right, wrong = (late_torque._one_body(record(*given, "late")) for given in (axis(3), ringing()))
-    assert told(torque_timing(right)) and not told(torque_timing(wrong), of=ALL)
-    monkeypatch.setattr(module, "LEFT", 0.01)
-    assert not told(torque_timing(right), of=ALL)
-    monkeypatch.setattr(module, "LEFT", 1.0)
-    monkeypatch.setattr(module, "HOPELESS", 1.0)
-    assert told(torque_timing(wrong), of=ALL)
+    assert findings_by_code(torque_timing(right)) and not findings_by_code(torque_timing(wrong), of=TIMING_CODES)
+    monkeypatch.setattr(module, "MAX_AUTOCORRELATION", 0.01)
+    assert not findings_by_code(torque_timing(right), of=TIMING_CODES)
+    monkeypatch.setattr(module, "MAX_AUTOCORRELATION", 1.0)
+    monkeypatch.setattr(module, "MAX_REPAIRABLE", 1.0)
+    assert findings_by_code(torque_timing(wrong), of=TIMING_CODES)
 
 
 @pytest.mark.parametrize(("way", "samples"), [
     ("late", 1), ("right", 0), pytest.param("early", -2, marks=pytest.mark.slow)])
-def test_a_look_at_a_resonance(way, samples):
+def test_a_shift_is_found_at_a_resonance(way, samples):
     torque, speed = ringing()
-    found = told(looked_at(record(np.roll(torque, samples), speed)))
-    assert set(found) == ({f"torque-{way}"} if samples else set())
-    assert not samples or found[f"torque-{way}"].evidence["shift"] == pytest.approx(-samples * STEP)
+    found = findings_by_code(torque_timing_findings(record(np.roll(torque, samples), speed)))
+    assert set(found) == ({"torque-shifted"} if samples else set())
+    assert not samples or found["torque-shifted"].evidence["shift"] == pytest.approx(-samples * STEP)
 
 
 # --- what is no shift
@@ -176,9 +177,10 @@ def low_passed(torque, time):
 @pytest.mark.parametrize("time", [0.5, 1.0, 2.0, 5.0, 10.0, 20.0])
 @pytest.mark.parametrize("later", [0, 1])
 def test_a_filtered_torque_is_not_cured_by_a_shift(time, later):
-    """By itself, or logged in the next cycle besides: the time constant is about right, or nothing is said."""
+    """Alone, or also logged in the next cycle: the time constant is about right, or there is no finding."""
     torque, speed = axis(3)
-    found = told(looked_at(record(np.roll(low_passed(torque, time), later), speed)), of=ALL)
+    found = findings_by_code(torque_timing_findings(record(np.roll(low_passed(torque, time), later), speed)),
+                             of=TIMING_CODES)
     assert set(found) <= {"torque-filtered"}
     if found:
         assert found["torque-filtered"].evidence["time_constant"] == pytest.approx(time * STEP, rel=0.3)
@@ -187,12 +189,12 @@ def test_a_filtered_torque_is_not_cured_by_a_shift(time, later):
 
 
 @pytest.mark.slow
-def test_a_filter_that_two_masses_tell():
+def test_a_filter_is_identified_with_two_masses():
     machine = machine_by_seed(102)
     whole = linear_record(machine, 102)
     torque = low_passed(whole.signals["motor_torque"], 5.0)
     filtered = replace(whole, signals={**whole.signals, "motor_torque": torque})
-    found = told(blackbox([filtered], two_mass(), Options()).findings, of=ALL)
+    found = findings_by_code(blackbox([filtered], two_mass(), Options()).findings, of=TIMING_CODES)
     assert found["torque-filtered"].evidence["time_constant"] == pytest.approx(5.0 * 1e-3, rel=0.4)
 
 
@@ -205,7 +207,7 @@ def test_a_lag_of_the_converter_is_no_shift():
     for k in range(N - 1):
         speed[k + 1] = decay * speed[k] + (1 - decay) / VISCOUS * acting[k]
     speed += 0.02 * np.random.default_rng(1).standard_normal(N)
-    found = told(looked_at(record(torque, speed)), of=ALL)
+    found = findings_by_code(torque_timing_findings(record(torque, speed)), of=TIMING_CODES)
     assert set(found) == {"input-delay"} and "converter.bandwidth" in found["input-delay"].action
 
 
@@ -213,41 +215,42 @@ def test_a_lag_of_the_converter_is_no_shift():
 
 @pytest.mark.slow
 @pytest.mark.parametrize("way", ["late", "right"])
-def test_black_box_and_compare_ask_too(way):
+def test_black_box_and_compare_test_for_a_shift(way):
     machine = machine_by_seed(1)
     whole = linear_record(machine, 1)
     late = replace(whole, signals={**whole.signals, "motor_torque": np.roll(
-        whole.signals["motor_torque"], WAYS[way])})
-    expected = {f"torque-{way}"} if WAYS[way] else set()
+        whole.signals["motor_torque"], SHIFT_BY_NAME[way])})
+    expected = {"torque-shifted"} if SHIFT_BY_NAME[way] else set()
     drive = drive_like(machine, [n for n in truth(machine) if not n.startswith("total")])
-    assert set(told(blackbox([late], two_mass(), Options()).findings)) == expected
+    assert set(findings_by_code(blackbox([late], two_mass(), Options()).findings)) == expected
     found = compare([late, replace(late, name="again")], drive, CompareOptions(("physical-innovations",)))
-    assert {f.code: f.text for f in found.findings if f.code in SHIFTS}.keys() == expected
-    assert all(f.text.startswith("physical-innovations on ") for f in found.findings if f.code in SHIFTS)
+    assert {f.code: f.text for f in found.findings if f.code in SHIFT_CODES}.keys() == expected
+    assert all(f.text.startswith("physical-innovations on ") for f in found.findings if f.code in SHIFT_CODES)
 
 
 @pytest.mark.slow
 @pytest.mark.parametrize("way", ["late", "right"])
-def test_backlash_asks_too(way):
+def test_backlash_tests_for_a_shift(way):
     machine = machine_by_seed(11)
     whole = gap_record(machine, 11)[0]
     late = replace(whole, signals={**whole.signals, "motor_torque": np.roll(
-        whole.signals["motor_torque"], WAYS[way])})
+        whole.signals["motor_torque"], SHIFT_BY_NAME[way])})
     drive = drive_like(machine, [n for n in truth(machine) if not n.startswith("total")])
-    assert set(told(backlash([late], drive, Options()).findings)) == ({f"torque-{way}"} if WAYS[way] else set())
+    assert set(findings_by_code(backlash([late], drive, Options()).findings)) == (
+        {"torque-shifted"} if SHIFT_BY_NAME[way] else set())
 
 
-def test_what_has_no_torque_or_motion_is_not_asked():
+def test_a_record_without_torque_or_motion_is_not_tested():
     still = Experiment("log", "0" * 64, STEP, 0.0, {"motor_speed": np.sin(np.arange(N) / 9)}, ((0, N),))
-    assert looked_at(still) == []
+    assert torque_timing_findings(still) == []
     with_load = replace(still, signals={"motor_torque": np.ones(N), "load_speed": np.sin(np.arange(N) / 9)})
-    assert looked_at(with_load) == [] and two_mass().bodies
+    assert torque_timing_findings(with_load) == [] and two_mass().bodies
 
 
-def test_a_current_beside_a_torque_is_looked_at_as_it_is():
-    """Its unit has no part in when it acts, and the torque of the shaft none in the look."""
+def test_a_current_beside_a_torque_is_tested_as_it_is():
+    """Neither the unit of a torque nor the torque of the shaft affects the test."""
     torque, speed = axis(3)
     made = record(torque, speed, "late")
     mixed = replace(made, signals={**made.signals, "motor_torque": made.signals["motor_torque"] / 0.35,
                                    "shaft_torque": torque}, input_units={"motor_torque": "A"})
-    assert set(told(looked_at(mixed))) == {"torque-late"}
+    assert set(findings_by_code(torque_timing_findings(mixed))) == {"torque-shifted"}

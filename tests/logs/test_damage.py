@@ -23,7 +23,7 @@ def log(path, encoding="cdr", n=N, **options):
 
 
 def message_ends(raw, first=8, last=None):
-    """Where each message ends, in the file or in a chunk that is not packed; written apart from the reader."""
+    """Where each message ends, in the file or in an uncompressed chunk; independent of the reader's code."""
     ends, at = [], first
     while at + 9 <= (last or len(raw)):
         code, length = struct.unpack_from("<BQ", raw, at)
@@ -48,7 +48,7 @@ def check_cut(path, raw, cut, ends):
         return
     values = found.channels["/drive.speed"].values
     np.testing.assert_array_equal(values, SPEED[:expected])
-    assert [f.code for f in found.findings] == ["damaged-log"]
+    assert [f.code for f in found.findings] == ["log-damaged"]
     assert found.findings[0].evidence["messages"] == expected
 
 
@@ -78,7 +78,7 @@ def test_cut_at_every_byte(tmp_path, layout, encoding):
         check_cut(tmp_path / "a.mcap", raw, cut, ends)
 
 
-def check_packed_cut(path, raw, cut, before):
+def check_cut_of_compressed_log(path, raw, cut, before):
     """A cut packed chunk gives at least nothing less than the chunks before it, and a true beginning."""
     path.write_bytes(raw[:cut])
     try:
@@ -89,28 +89,28 @@ def check_packed_cut(path, raw, cut, before):
     values = found.channels["/drive.speed"].values
     assert len(values) >= before
     np.testing.assert_array_equal(values, SPEED[:len(values)])
-    assert [f.code for f in found.findings] == ["damaged-log"]
+    assert [f.code for f in found.findings] == ["log-damaged"]
     return len(values)
 
 
-def cuts_of_packed(path, compression, cuts, n=N):
+def check_cuts_of_compressed_log(path, compression, cuts, n=N):
     raw = log(path, "cdr", n, compression=compression, chunk=500)
     before = 0
     for cut in sorted(cuts(len(raw))):
-        before = check_packed_cut(path, raw, cut, before)
+        before = check_cut_of_compressed_log(path, raw, cut, before)
     assert before == n
 
 
 @pytest.mark.parametrize("compression", [CompressionType.ZSTD, CompressionType.LZ4])
 def test_cut_packed_chunks_at_some_bytes(tmp_path, compression):
-    cuts_of_packed(tmp_path / "a.mcap", compression,
-                   lambda size: {*np.random.default_rng(2).integers(1, size, 30).tolist(), size - 1})
+    check_cuts_of_compressed_log(tmp_path / "a.mcap", compression,
+                                 lambda size: {*np.random.default_rng(2).integers(1, size, 30).tolist(), size - 1})
 
 
 @pytest.mark.fuzz
 @pytest.mark.parametrize("compression", [CompressionType.ZSTD, CompressionType.LZ4])
 def test_cut_packed_chunks_at_every_byte(tmp_path, compression):
-    cuts_of_packed(tmp_path / "a.mcap", compression, lambda size: range(1, size), 12)
+    check_cuts_of_compressed_log(tmp_path / "a.mcap", compression, lambda size: range(1, size), 12)
 
 
 def test_a_wrong_checksum_costs_its_chunk(tmp_path):

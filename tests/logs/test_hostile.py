@@ -129,16 +129,16 @@ CONVERTED = {"too many infinite torques", "a clock that stands", "a clock that r
 
 @pytest.mark.parametrize("case", CASES)
 def test_one_sentence_and_no_file(folder, call, case):
-    write, told, refused = CASES[case]
+    write, message, refused = CASES[case]
     write()
     log = next(path.name for path in folder.glob("a.*"))
     mapped = ["--map", "map.yaml"] if log == "a.mcap" else []
     before = sorted(path.name for path in folder.iterdir())
     code, out, err = call("inspect", log, *mapped)
-    if told is None:
+    if message is None:
         assert code == 1 and out == "" and err.count("\n") == 1 and refused in err
     else:
-        assert code == 0 and told in err, err
+        assert code == 0 and message in err, err
     for words in (["steady", log, "-o", "out.yaml"], ["convert", log, "-o", "out.parquet"]):
         if words[0] == "convert" and case in CONVERTED:
             continue
@@ -192,7 +192,7 @@ def test_numbers_too_large_for_a_float_are_missing(folder):
 
     mcap(texts(lambda k: "1" + "0" * 400 if k == 7 else json.dumps(TORQUE.tolist()[k])))
     found = open_experiment("a.mcap", load_channel_map("map.yaml"))
-    assert {f.code for f in found.findings} >= {"missing-values"}
+    assert {f.code for f in found.findings} >= {"samples-missing"}
     assert np.isfinite(found.signals["motor_torque"]).sum() >= N - 1
 
 

@@ -6,7 +6,7 @@ import msgspec
 import pytest
 
 from drivetool.errors import BadOption, BadRecording
-from drivetool.logs.channels.channel_map import SCHEMA, ChannelMap, ChannelMapFile, choose_channels, resolve
+from drivetool.logs.channels.channel_map import SCHEMA, ChannelMap, ChannelMapFile, choose_channels, resolve_channel
 from drivetool.logs.roles import ROLES, role_of
 
 
@@ -88,11 +88,11 @@ def test_the_type_gives_a_schema_with_every_role():
 
 
 def test_plain_names_are_found_when_unambiguous():
-    assert resolve("torque", ["/drive.torque", "/drive.speed"]) == "/drive.torque"
-    assert resolve("torque", ["torque", "/drive.torque"]) == "torque"
-    assert resolve("torq", ["/drive.torque"]) is None
+    assert resolve_channel("torque", ["/drive.torque", "/drive.speed"]) == "/drive.torque"
+    assert resolve_channel("torque", ["torque", "/drive.torque"]) == "torque"
+    assert resolve_channel("torq", ["/drive.torque"]) is None
     with pytest.raises(BadRecording, match=r"/a\.torque, /b\.torque"):
-        resolve("torque", ["/a.torque", "/b.torque"])
+        resolve_channel("torque", ["/a.torque", "/b.torque"])
 
 
 def test_channels_are_chosen():

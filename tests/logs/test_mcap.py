@@ -14,9 +14,9 @@ from drivetool.logs.channels.channel_map import SCHEMA, ChannelMap
 from drivetool.logs.door.build import open_experiment
 from drivetool.logs.formats.mcap.collector import Collector
 from drivetool.logs.formats.mcap.container import source
-from drivetool.logs.formats.mcap.container.places import Places
-from drivetool.logs.formats.mcap.container.records import walk
-from drivetool.logs.formats.mcap.container.source import Source
+from drivetool.logs.formats.mcap.container.offsets import Offsets
+from drivetool.logs.formats.mcap.container.records import read_records
+from drivetool.logs.formats.mcap.container.source import McapSource
 from drivetool.logs.formats.mcap.decoders import layout
 from drivetool.logs.formats.mcap.decoders.ros import cdr_walk
 from drivetool.logs.formats.mcap.decoders.topics import open_topic
@@ -36,8 +36,8 @@ def channel_map(roles=ROLES, **more):
     return ChannelMap.from_mapping({"schema": SCHEMA, "roles": roles, **more})
 
 
-def at(message, name):
-    """The value of a stock message at a channel's name, written apart from the reader."""
+def value_at(message, name):
+    """The value of a stock message at a channel's name, written independently of the reader."""
     node, beside = message, None
     for step in field_path.parse(name):
         beside = node if isinstance(step, str) else beside
@@ -67,7 +67,7 @@ def test_values_and_times_of_the_stock_decoders(tmp_path, encoding, options):
     expected = encodings.stock(path)
     assert len(expected) == 150
     for name, channel in found.channels.items():
-        values = [at(message, name.removeprefix("/drive.")) for _, _, message in expected]
+        values = [value_at(message, name.removeprefix("/drive.")) for _, _, message in expected]
         np.testing.assert_array_equal(channel.values, values, err_msg=name)
         np.testing.assert_array_equal(np.round(channel.time * 1e9), [log - START for _, log, _ in expected])
     assert found.origin == pytest.approx(START / 1e9, abs=1e-6)
@@ -77,8 +77,8 @@ def test_values_and_times_of_the_stock_decoders(tmp_path, encoding, options):
 def test_one_by_one_gives_the_same(tmp_path, encoding, monkeypatch):
     encodings.write(tmp_path / "a.mcap", encoding, encodings.rows(300, STEP, START))
     together = everything(tmp_path / "a.mcap")
-    monkeypatch.setattr(layout, "TRIES", 0)
-    monkeypatch.setattr(layout, "EACH", np.inf)
+    monkeypatch.setattr(layout, "MAX_NEW_LAYOUTS", 0)
+    monkeypatch.setattr(layout, "MIN_LAYOUT_MESSAGES", np.inf)
     alone = everything(tmp_path / "a.mcap")
     assert list(together.channels) == list(alone.channels)
     for name, channel in together.channels.items():
@@ -193,7 +193,7 @@ def test_units_in_the_file(tmp_path):
         assert found.channels["/drive.effort[name=load]"].unit == ("Nm" if encoding == "json" else None)
 
 
-def test_unknown_encodings_are_told(tmp_path):
+def test_unknown_encodings_are_reported(tmp_path):
     path = tmp_path / "a.mcap"
     encodings.write(path, "cdr", encodings.rows(60, STEP, START), compression=CompressionType.NONE)
     raw = path.read_bytes()
@@ -210,7 +210,7 @@ def test_unknown_encodings_are_told(tmp_path):
 @pytest.mark.parametrize("encoding", ["cdr", "ros1"])
 @pytest.mark.parametrize("definition", [b"", b" \n", b"# of the bridge\nint8 MOST=3\n"])
 @pytest.mark.parametrize("beside", [False, True])
-def test_an_empty_definition_is_told(tmp_path, encoding, definition, beside):
+def test_an_empty_definition_is_reported(tmp_path, encoding, definition, beside):
     name, kind, _, _, texts = encodings.encoded(encoding, encodings.rows(60, STEP, START))
     log = Log([(name, kind, definition), ("std/Empty", kind, b"")],
               [("/drive", encoding, 1, {}), ("/event", encoding, 2, {}), ("/other", "json", 0, {})],
@@ -253,8 +253,8 @@ def test_cdr_of_both_byte_orders_and_versions():
         pad = 7 if kind == 0 else 3
         message = head + struct.pack(f"{order}B{pad}xdIBBhh2xI3s?", 7, -1.5, 2, 3, 4, -5, 6, 3, b"ab\0", True)
         shape, _ = cdr_walk("t/T", text)
-        columns = layout.Columns(shape, [("a",), ("x",), ("few", 1), ("pair", 0), ("ok",)])
-        places = Places.of(np.frombuffer(message, np.uint8), np.array([0]))
+        columns = layout.BinaryColumns(shape, [("a",), ("x",), ("few", 1), ("pair", 0), ("ok",)])
+        places = Offsets.of(np.frombuffer(message, np.uint8), np.array([0]))
         found, good = columns.read(places, np.array([len(message)]))
         assert good.all() and [column[0] for column in found] == [7, -1.5, 4, -5, 1]
 
@@ -275,7 +275,7 @@ def test_a_message_that_is_no_text(tmp_path):
     at = raw.index(b'"motor"', len(raw) // 2)
     (tmp_path / "a.mcap").write_bytes(raw[:at + 2] + b"\xb5" + raw[at + 3:])
     found = everything(tmp_path / "a.mcap")
-    assert [f.code for f in found.findings] == ["broken-messages"]
+    assert [f.code for f in found.findings] == ["log-damaged"]
     assert len(found.channels["/drive.torque"].values) == 59
 
 
@@ -292,7 +292,7 @@ def test_a_broken_message_is_left_out_and_said(tmp_path):
     messages = encodings.rows(80, STEP, START)
     for encoding in ("cdr", "protobuf", "ros1"):
         encodings.write(tmp_path / "a.mcap", encoding, messages, chunked=False)
-        opened = Source(tmp_path / "a.mcap")
+        opened = McapSource(tmp_path / "a.mcap")
         fields = open_topic(opened.topics["/drive"])
         block = next(opened.blocks())
         _, places, lengths = block.of([1])
@@ -305,7 +305,7 @@ def test_a_broken_message_is_left_out_and_said(tmp_path):
 def test_files_that_do_not_fit_into_memory_are_read_twice(tmp_path, monkeypatch):
     encodings.write(tmp_path / "a.mcap", "cdr", encodings.rows(300, STEP, START))
     once = everything(tmp_path / "a.mcap")
-    monkeypatch.setattr(source, "KEPT", 3000)
+    monkeypatch.setattr(source, "MAX_CACHED_BYTES", 3000)
     twice = everything(tmp_path / "a.mcap")
     for name, channel in once.channels.items():
         assert channel.values.tobytes() == twice.channels[name].values.tobytes()
@@ -321,7 +321,7 @@ def test_records_are_found_one_by_one_or_in_runs(lengths, count, cut, zero):
             if at + 9 + n <= len(kept):
                 expected.append(at + 9)
             at += 9 + n
-        found = walk(np.frombuffer(kept, np.uint8))
+        found = read_records(np.frombuffer(kept, np.uint8))
         assert found.starts.tolist() == expected
         assert found.lengths.tolist() == every[:len(expected)] and found.others == {}
         assert (found.end == len(kept)) == (sum(every) + 9 * len(every) == len(kept) and not zero)
@@ -344,20 +344,22 @@ def test_a_chunk_with_a_wrong_size_costs_itself(tmp_path, size):
     while raw[at] != 6 or which < 1:
         which += raw[at] == 6
         at += 9 + struct.unpack_from("<Q", raw, at + 1)[0]
-    struct.pack_into("<QI", raw, at + 9 + 16, size, 0)  # the size, and no checksum that would tell
+    struct.pack_into("<QI", raw, at + 9 + 16, size, 0)  # the size, and no checksum that would show it
     (tmp_path / "a.mcap").write_bytes(raw)
     found = everything(tmp_path / "a.mcap")
     assert 30 < len(found.channels["/drive.speed"].values) < 100
-    assert [f.code for f in found.findings] == ["damaged-log"]
+    assert [f.code for f in found.findings] == ["log-damaged"]
 
 
 STEPS = st.lists(st.from_regex(r"[a-z_]{1,5}", fullmatch=True) | st.integers(0, 99)
-                 | st.builds(field_path.Where, st.just("name"), st.from_regex(r"[a-z0-9 .]{1,5}", fullmatch=True)))
+                 | st.builds(field_path.Selector, st.just("name"),
+                             st.from_regex(r"[a-z0-9 .]{1,5}", fullmatch=True)))
 
 
 @given(st.from_regex(r"[a-z]{1,5}", fullmatch=True), STEPS)
 def test_paths_are_written_as_they_are_read(first, steps):
-    path = tuple(step if not isinstance(step, field_path.Where) else field_path.Where("name", step.value.strip())
+    path = tuple(step if not isinstance(step, field_path.Selector)
+                 else field_path.Selector("name", step.value.strip())
                  for step in (first, *steps))
     assert field_path.parse(field_path.text_of(path)) == path
 

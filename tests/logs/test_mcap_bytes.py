@@ -12,8 +12,8 @@ from drivetool.errors import BadRecording
 from drivetool.logs.formats.read import read_recording
 from tests.mcap_bytes import CHUNK, MAGIC, Log, build
 
-START, STEP, CHUNKS, EACH = 1_700_000_000_000_000_000, 1_000_000, 5, 12
-N = CHUNKS * EACH
+START, STEP, CHUNKS, PER_CHUNK = 1_700_000_000_000_000_000, 1_000_000, 5, 12
+N = CHUNKS * PER_CHUNK
 # Exact in binary, so that they are the same in every encoding.
 SPEED, TORQUE = 100 + np.arange(N) / 8, 0.5 - np.arange(N) / 4
 ROS1 = "time stamp\nfloat32 torque\nfloat64 speed # [rad/s]\n"
@@ -40,7 +40,8 @@ ENCODINGS = {"cdr": (("site/msg/Drive", "ros2msg", ROS2.encode()), cdr),
 
 def log(encoding="cdr", **more):
     schema, content = ENCODINGS[encoding]
-    groups = [[(1, START + k * STEP, START + k * STEP + 5, content(k)) for k in range(c * EACH, (c + 1) * EACH)]
+    groups = [[(1, START + k * STEP, START + k * STEP + 5, content(k))
+               for k in range(c * PER_CHUNK, (c + 1) * PER_CHUNK)]
               for c in range(CHUNKS)]
     return Log([schema], [("/drive", encoding, 1, {"unit:torque": "Nm"})], groups, **more)
 
@@ -54,21 +55,21 @@ def read(tmp_path):
     return read
 
 
-def check(found, kept, *told):
-    """The messages of `kept` (a list of numbers) and nothing else; the damage `told`."""
+def check_read(found, kept, *damage):
+    """The messages of `kept` (a list of numbers) and nothing else; all texts of `damage` in the finding."""
     speed, torque = found.channels["/drive.speed"], found.channels["/drive.torque"]
     np.testing.assert_array_equal(speed.values, SPEED[kept])
     np.testing.assert_array_equal(torque.values, TORQUE[kept])
     np.testing.assert_array_equal(speed.time, (np.array(kept) - kept[0]) * STEP / 10**9)
     assert (speed.unit, torque.unit) == ("rad/s", "Nm")
     assert found.origin == pytest.approx(START / 1e9 + kept[0] * STEP / 1e9, abs=1e-6)
-    assert [f.code for f in found.findings] == ["damaged-log"] * bool(told)
-    for words in told:
+    assert [f.code for f in found.findings] == ["log-damaged"] * bool(damage)
+    for words in damage:
         assert words in found.findings[0].text
 
 
-def without(*chunks):
-    return [k for k in range(N) if k // EACH not in chunks]
+def messages_without(*chunks):
+    return [k for k in range(N) if k // PER_CHUNK not in chunks]
 
 
 PACKINGS = [{}, {"packing": "lz4"}, {"packing": "zstd"}, {"packing": "zstd, streamed"}]
@@ -79,7 +80,7 @@ LAYOUTS = [*PACKINGS, {"loose": True}, {"packing": "zstd", "checksum": False}]
 @pytest.mark.parametrize("layout", LAYOUTS, ids=str)
 @pytest.mark.parametrize("summary", ["whole", "none"])
 def test_what_was_put_in(read, encoding, layout, summary):
-    check(read(build(log(encoding, **layout), summary=summary)), without())
+    check_read(read(build(log(encoding, **layout), summary=summary)), messages_without())
 
 
 @pytest.mark.parametrize("layout", LAYOUTS, ids=str)
@@ -95,12 +96,13 @@ def test_the_bytes_are_what_another_reader_takes_for_mcap(layout):
 @pytest.mark.parametrize("chunk", [0, 2, CHUNKS - 1])
 def test_a_wrong_checksum_costs_its_chunk(read, layout, chunk):
     raw = build(log(**layout), wrong_crc=[chunk])
-    check(read(raw), without(chunk), "(a chunk with a wrong checksum)")
+    check_read(read(raw), messages_without(chunk), "(a chunk with a wrong checksum)")
 
 
 def test_without_a_summary_the_first_chunk_describes_the_others(read):
     given = log(packing="zstd")
-    check(read(build(given, wrong_crc=[2], summary="none")), without(2), "(a chunk with a wrong checksum)")
+    check_read(read(build(given, wrong_crc=[2], summary="none")), messages_without(2),
+               "(a chunk with a wrong checksum)")
     with pytest.raises(BadRecording, match="a chunk with a wrong checksum; 4 times messages of a channel that is"):
         read(build(given, wrong_crc=[0], summary="none"))
 
@@ -108,13 +110,14 @@ def test_without_a_summary_the_first_chunk_describes_the_others(read):
 def test_a_summary_with_a_wrong_checksum_is_not_used(read):
     with pytest.raises(BadRecording, match="a chunk with a wrong checksum; 4 times messages of a channel that is"):
         read(build(log(), wrong_crc=[0], summary="wrong"))
-    check(read(build(log(), summary="wrong")), without())
+    check_read(read(build(log(), summary="wrong")), messages_without())
 
 
 @pytest.mark.parametrize("layout", PACKINGS, ids=str)
 def test_a_record_of_a_wrong_length_costs_nothing_where_there_is_an_index(read, layout):
     raw = build(log(**layout), stretched=[1, 3])
-    check(read(raw), without(), "a broken record at byte ", "chunks found from there on by the index: 4)")
+    check_read(read(raw), messages_without(), "a broken record at byte ",
+               "chunks found from there on by the index: 4)")
 
 
 WITHOUT_INDEX = [{"summary": "none"}, {"summary": "wrong"}, {"end": False}]
@@ -124,8 +127,8 @@ WITHOUT_INDEX = [{"summary": "none"}, {"summary": "wrong"}, {"end": False}]
 @pytest.mark.parametrize("more", WITHOUT_INDEX, ids=str)
 def test_without_an_index_reading_goes_on_with_the_next_chunk(read, layout, more):
     # The length of the data inside the chunk is still there.
-    check(read(build(log(**layout), stretched=[2], **more)), without(), "(broken records at byte ",
-          "reading goes on with the next chunk")
+    check_read(read(build(log(**layout), stretched=[2], **more)), messages_without(), "(broken records at byte ",
+               "reading goes on with the next chunk")
 
 
 def chunk_starts(raw):
@@ -137,7 +140,7 @@ def chunk_starts(raw):
     return starts
 
 
-def smashed(raw, chunks, first, content):
+def overwritten(raw, chunks, first, content):
     """The file with `content` over the heads of some chunks, from their byte `first` on."""
     starts, raw = chunk_starts(raw), bytearray(raw)
     for start in (starts[number] for number in chunks):
@@ -159,10 +162,10 @@ HEADS = {"kind 0": (0, b"\0", True, False), "kind of a message": (0, b"\5", True
 def test_chunks_behind_a_smashed_head_are_found_by_the_index(read, layout, chunks, head):
     first, content, itself, _ = HEADS[head]
     raw = build(log(**layout))
-    found = read(smashed(raw, chunks, first, content))
-    kept = without(*([] if itself else chunks))
-    check(found, kept, f"a broken record at byte {chunk_starts(raw)[chunks[0]]}, " if itself
-          else "a chunk with a broken head")
+    found = read(overwritten(raw, chunks, first, content))
+    kept = messages_without(*([] if itself else chunks))
+    check_read(found, kept, f"a broken record at byte {chunk_starts(raw)[chunks[0]]}, " if itself
+               else "a chunk with a broken head")
     recorded = {} if itself else {"recorded": N}
     assert found.findings[0].evidence == {"messages": len(kept), **recorded,
                                           "places": found.findings[0].evidence["places"]}
@@ -177,7 +180,7 @@ def test_chunks_behind_a_smashed_head_are_found_by_their_look(read, layout, more
     first, content, _, itself = HEADS[head]
     # A chunk with a wrong length is only seen where reading stops, so not behind another one.
     lost = chunks if not itself else [2] if (head, chunks) == ("length 2^40", [1, 2]) else []
-    check(read(smashed(build(log(**layout), **more), chunks, first, content)), without(*lost), "")
+    check_read(read(overwritten(build(log(**layout), **more), chunks, first, content)), messages_without(*lost), "")
 
 
 @pytest.mark.parametrize("layout", PACKINGS, ids=str)
@@ -185,22 +188,23 @@ def test_chunks_behind_a_smashed_head_are_found_by_their_look(read, layout, more
 def test_a_length_that_leads_over_the_next_chunk_loses_no_message(read, layout, more):
     raw = build(log(**layout), **more)
     starts = chunk_starts(raw)
-    check(read(smashed(raw, [1], 1, struct.pack("<Q", starts[3] + 50 - starts[1]))), without(), "broken record")
+    check_read(read(overwritten(raw, [1], 1, struct.pack("<Q", starts[3] + 50 - starts[1]))), messages_without(),
+               "broken record")
 
 
 def test_a_file_with_many_broken_places_gives_one_short_sentence(read):
     given = replace(log(), groups=[[entry] for group in log().groups for entry in group])
     raw = build(given, summary="none")
-    found = read(smashed(raw, range(1, N, 2), 0, b"\0"))
-    check(found, list(range(0, N, 2)), " and further on, reading goes on with the next chunk each time")
+    found = read(overwritten(raw, range(1, N, 2), 0, b"\0"))
+    check_read(found, list(range(0, N, 2)), " and further on, reading goes on with the next chunk each time")
     assert len(found.findings[0].text) < 300
 
 
 def test_a_length_that_leads_into_a_chunk_gives_no_message_twice(read):
     raw = build(log())
-    at = raw.index(cdr(EACH + 3)) - 31  # the record of the fourth message of the second chunk
+    at = raw.index(cdr(PER_CHUNK + 3)) - 31  # the record of the fourth message of the second chunk
     length = struct.pack("<Q", at - chunk_starts(raw)[1] - 9)
-    check(read(smashed(raw, [1], 1, length)), without(), "a broken record at byte ")
+    check_read(read(overwritten(raw, [1], 1, length)), messages_without(), "a broken record at byte ")
 
 
 def test_an_index_that_names_no_chunk_takes_nothing_away(read):
@@ -209,12 +213,12 @@ def test_an_index_that_names_no_chunk_takes_nothing_away(read):
     entry = raw.rindex(struct.pack("<Q", start))
     for place in (start + 100, 1 << 60):
         found = read(raw[:entry] + struct.pack("<Q", place) + raw[entry + 8:])
-        check(found, without(), "a chunk with a broken head")
+        check_read(found, messages_without(), "a chunk with a broken head")
 
 
 def test_a_chunk_without_a_checksum_that_has_another_size_than_stated(read):
-    check(read(build(log(packing="zstd", checksum=False), resized=[1])), without(1),
-          "(a chunk that cannot be unpacked (ValueError))")
+    check_read(read(build(log(packing="zstd", checksum=False), resized=[1])), messages_without(1),
+               "(a chunk that cannot be unpacked (ValueError))")
 
 
 def test_an_unknown_packing_is_named(read):
@@ -224,7 +228,7 @@ def test_an_unknown_packing_is_named(read):
 
 @pytest.mark.parametrize("layout", LAYOUTS, ids=str)
 def test_without_an_end(read, layout):
-    check(read(build(log(**layout), end=False)), without(), "it has no end mark")
+    check_read(read(build(log(**layout), end=False)), messages_without(), "it has no end mark")
 
 
 @pytest.mark.parametrize("layout", PACKINGS[:3], ids=str)
@@ -235,8 +239,8 @@ def test_cut_within_the_fourth_chunk(read, layout):
     for cut in np.linspace(len(three) + 1, len(four) - 1, 7).astype(int):
         found = read(four[:cut])
         counts.append(len(found.channels["/drive.speed"].values))
-        check(found, list(range(counts[-1])), "it stops within a record at byte ")
-    assert counts == sorted(counts) and (counts[0], counts[-1]) == (3 * EACH, 4 * EACH)
+        check_read(found, list(range(counts[-1])), "it stops within a record at byte ")
+    assert counts == sorted(counts) and (counts[0], counts[-1]) == (3 * PER_CHUNK, 4 * PER_CHUNK)
     # A packed chunk this small gives all or nothing.
     assert layout or len(set(counts)) > 4
 

@@ -130,7 +130,7 @@ def test_a_damaged_part_of_a_folder_is_left_out_and_said(tmp_path):
     part = tmp_path / "log" / "part-3.parquet"
     part.write_bytes(part.read_bytes()[:-20])
     found = open_experiment(tmp_path / "log")
-    assert [f.code for f in found.findings] == ["damaged-log", "gaps"]
+    assert [f.code for f in found.findings] == ["log-damaged", "recording-interrupted"]
     assert "part-3.parquet" in found.findings[0].text and found.segments == ((0, 111), (148, N))
 
 
@@ -141,7 +141,7 @@ def test_a_damaged_page_costs_its_row_group(tmp_path):
     raw[place.data_page_offset + place.total_compressed_size // 2] ^= 0xFF
     (tmp_path / "b.parquet").write_bytes(raw)
     found = open_experiment(tmp_path / "b.parquet")
-    assert [f.code for f in found.findings] == ["damaged-log", "gaps"]
+    assert [f.code for f in found.findings] == ["log-damaged", "recording-interrupted"]
     assert found.segments == ((0, 128), (192, N))
     every = read_recording(tmp_path / "b.parquet", choose=list)
     assert set(every.channels) == {"motor_torque", "load_angle"} and "damaged" in every.unreadable["motor_speed"]

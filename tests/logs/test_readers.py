@@ -170,7 +170,7 @@ def test_missing_fields_and_nan_become_missing_values(tmp_path):
                                                "motor_speed": {"channel": "motor_speed", "unit": "m/s"}}))
     assert list(np.flatnonzero(np.isnan(found.signals["motor_speed"]))) == [5, 7, 20]
     assert found.signals["motor_torque"][20] == 19.0
-    assert {f.code for f in found.findings} == {"broken-messages", "missing-values", "lost-samples"}
+    assert {f.code for f in found.findings} == {"log-damaged", "samples-missing"}
     assert (found.torque_unit, found.motion_unit) == ("N", "m")
 
 
@@ -183,7 +183,7 @@ def test_a_cut_file_is_used_as_far_as_it_goes(tmp_path, share):
     found = open_experiment(cut)
     assert 50 <= found.size <= N
     assert found.signals["motor_speed"].tobytes() == data()["motor_speed"][:found.size].tobytes()
-    damaged = next(f for f in found.findings if f.code == "damaged-log")
+    damaged = next(f for f in found.findings if f.code == "log-damaged")
     assert damaged.severity == "warning" and damaged.evidence["messages"] == found.size
 
 
@@ -193,7 +193,7 @@ def test_a_damaged_chunk_is_left_out(tmp_path):
     raw[at] = ord("1") if raw[at] != ord("1") else ord("2")
     (tmp_path / "b.mcap").write_bytes(raw)
     found = open_experiment(tmp_path / "b.mcap")
-    assert {f.code for f in found.findings} == {"damaged-log", "gaps"}
+    assert {f.code for f in found.findings} == {"log-damaged", "recording-interrupted"}
     assert len(found.segments) == 2 and found.size == N
 
 

@@ -26,7 +26,7 @@ def motion(kind):
     return np.concatenate([[0], np.cumsum((speed[1:] + speed[:-1]) / 2 * STEP)]), speed
 
 
-def found(angle, speed):
+def speed_findings(angle, speed):
     return {f.code: f for f in compare_speed_and_angle(angle, speed, STEP, ((0, len(angle)),), "motor")}
 
 
@@ -38,23 +38,23 @@ def test_true_and_false_alarms(kind, counts):
     if counts:
         angle = np.round(angle * counts / (2 * np.pi)) * 2 * np.pi / counts
     speed = speed + np.random.default_rng(6).normal(size=N) * 0.2
-    assert found(angle, speed) == {}
+    assert speed_findings(angle, speed) == {}
     if counts == 200 and kind == "noise":
         return  # the motion is smaller than an encoder step: nothing can be said, and nothing is
-    assert set(found(angle, 1.05 * speed)) == {"speed-scale"}
-    assert set(found(angle, -speed)) == {"speed-sign"}
-    late = found(angle, np.roll(speed, 4))
+    assert set(speed_findings(angle, 1.05 * speed)) == {"speed-angle-mismatch"}
+    assert set(speed_findings(angle, -speed)) == {"speed-angle-mismatch"}
+    late = speed_findings(angle, np.roll(speed, 4))
     assert set(late) <= {"speed-delay", "speed-filtered"}
     assert next(iter(late.values())).evidence["lag"] == pytest.approx(4 * STEP, rel=0.2)
-    assert set(found(angle, np.random.default_rng(7).normal(size=N))) == {"speed-angle-mismatch"}
+    assert set(speed_findings(angle, np.random.default_rng(7).normal(size=N))) == {"speed-angle-mismatch"}
 
 
-def test_a_filter_is_told_from_a_delay():
+def test_a_filter_is_distinguished_from_a_delay():
     angle, speed = motion("noise")
-    behind = found(angle, lfilter([0.1], [1, -0.9], speed))
+    behind = speed_findings(angle, lfilter([0.1], [1, -0.9], speed))
     assert set(behind) == {"speed-filtered"}
     assert behind["speed-filtered"].evidence["corner"] == pytest.approx(1 / (2 * np.pi * 9 * STEP), rel=0.1)
-    late = found(angle, np.roll(speed, 4))
+    late = speed_findings(angle, np.roll(speed, 4))
     assert set(late) == {"speed-delay"}
     assert late["speed-delay"].evidence["lag"] == pytest.approx(4 * STEP, rel=0.02)
 
@@ -63,8 +63,8 @@ def test_standing_still_most_of_the_time():
     angle, speed = motion("steps")
     speed[3000:] = 0.0
     angle[3000:] = angle[3000]
-    assert found(angle, speed) == {}
-    assert found(angle, np.zeros(N)) == {}
+    assert speed_findings(angle, speed) == {}
+    assert speed_findings(angle, np.zeros(N)) == {}
 
 
 def test_missing_values_and_segments():

@@ -14,9 +14,9 @@ from drivetool.errors import BadOption, BadRecording, DriveToolError
 from drivetool.identify.greybox import greybox
 from drivetool.identify.setup import Options
 from drivetool.logs.channels.channel_map import SCHEMA, ChannelMap
-from drivetool.logs.channels.time_numbers import SLOWEST
-from drivetool.logs.clocks.batched_times import batches
-from drivetool.logs.clocks.coarse_clock import restored
+from drivetool.logs.channels.time_numbers import MAX_SAMPLE_INTERVAL
+from drivetool.logs.clocks.batched_times import find_batches
+from drivetool.logs.clocks.coarse_clock import restore_uniform_times
 from drivetool.logs.door.build import build_experiment, open_experiment
 from drivetool.logs.experiment import Channel, Recording
 from tests.logs.test_readers import write_mcap
@@ -39,7 +39,7 @@ def channel_map(roles=None, **more):
     return ChannelMap.from_mapping({"schema": SCHEMA, "roles": roles or given, **more})
 
 
-def on(torque, speed):
+def logged(torque, speed):
     """A recording of (time, values) for both."""
     return Recording("log.parquet", "0" * 64, {"motor_torque": Channel(*torque, "Nm"),
                                                "motor_speed": Channel(*speed, "rad/s")})
@@ -57,7 +57,7 @@ def inertia(experiment):
 
 # --- stamps that were cut
 
-def cut(time, resolution):
+def cut_to_resolution(time, resolution):
     return np.floor(time / resolution + 1e-6) * resolution
 
 
@@ -67,7 +67,7 @@ def cut(time, resolution):
 @pytest.mark.parametrize("drift", [0.0, 1e-6])
 def test_the_clock_behind_coarse_stamps(step, resolution, drift):
     time = np.arange(N) * step * (1 + drift)
-    found, size = restored(cut(time, resolution))
+    found, size = restore_uniform_times(cut_to_resolution(time, resolution))
     assert size == pytest.approx(resolution, rel=1e-3)
     assert np.ptp(found - time) < max(0.2 * step, 0.02 * resolution)
     assert np.abs(found - time).max() < 0.6 * resolution
@@ -78,8 +78,8 @@ def test_the_clock_behind_coarse_stamps(step, resolution, drift):
 def test_samples_that_were_lost_behind_coarse_stamps(step, resolution, share):
     rng = np.random.default_rng(7)
     kept = np.sort(rng.choice(N, N - round(share * N), replace=False))
-    found, size = restored(cut(kept * step, resolution))
-    there = np.bincount((cut(kept * step, resolution) / resolution).round().astype(int))
+    found, size = restore_uniform_times(cut_to_resolution(kept * step, resolution))
+    there = np.bincount((cut_to_resolution(kept * step, resolution) / resolution).round().astype(int))
     worst = round(resolution / step) - there[1:-1].min()
     off = found - kept * step
     assert size == pytest.approx(resolution) and np.ptp(off - off.mean()) < (2 * worst + 0.01) * step
@@ -89,21 +89,21 @@ def test_samples_that_were_lost_behind_coarse_stamps(step, resolution, share):
 @pytest.mark.parametrize("step", [1 / 1900, 1 / 3900, 1 / 3100])
 def test_a_rate_that_is_no_whole_number_per_stamp_has_lost_none(step):
     time = np.arange(N) * step
-    found, _ = restored(cut(time, 1e-3))
+    found, _ = restore_uniform_times(cut_to_resolution(time, 1e-3))
     assert np.ptp(found - time) < 0.2 * step
 
 
 def test_of_many_lost_no_clock_is_made():
     kept = np.sort(np.random.default_rng(7).choice(N, round(0.8 * N), replace=False))
-    assert restored(cut(kept * 2.5e-4, 1e-3)) is None
+    assert restore_uniform_times(cut_to_resolution(kept * 2.5e-4, 1e-3)) is None
 
 
 def test_the_inertia_behind_coarse_stamps_with_losses():
     torque, speed = axis(2.5e-4)
     kept = np.sort(np.random.default_rng(1).choice(N, N - N // 100, replace=False))
-    stamps = cut(kept * 2.5e-4, 1e-3)
-    found = build_experiment(on((stamps, torque[kept]), (stamps, speed[kept])))
-    assert {"clock-restored", "lost-samples"} == codes(found) and found.segments == ((0, found.size),)
+    stamps = cut_to_resolution(kept * 2.5e-4, 1e-3)
+    found = build_experiment(logged((stamps, torque[kept]), (stamps, speed[kept])))
+    assert {"clock-corrected", "samples-missing"} == codes(found) and found.segments == ((0, found.size),)
     value, std = inertia(found)
     assert abs(value - INERTIA) < 3.0 * std and std < 0.01 * INERTIA
 
@@ -113,15 +113,15 @@ def test_the_inertia_behind_coarse_stamps_with_losses():
 def test_other_clocks_are_left_as_they_are(seed, lost, jitter):
     rng = np.random.default_rng(seed)
     time = np.delete(np.arange(N) * 1e-3, rng.choice(N, lost, replace=False))
-    assert restored(time) is None
-    assert restored(np.sort(time + jitter * 1e-3 * rng.standard_normal(len(time)))) is None
+    assert restore_uniform_times(time) is None
+    assert restore_uniform_times(np.sort(time + jitter * 1e-3 * rng.standard_normal(len(time)))) is None
 
 
 def test_rows_that_were_logged_twice_are_no_faster_clock():
     torque, speed = axis(1e-3)
     time = np.repeat(np.arange(N) * 1e-3, 2)
-    found = build_experiment(on((time, np.repeat(torque, 2)), (time, np.repeat(speed, 2))))
-    assert found.step == pytest.approx(1e-3) and codes(found) == {"repeated-time"}
+    found = build_experiment(logged((time, np.repeat(torque, 2)), (time, np.repeat(speed, 2))))
+    assert found.step == pytest.approx(1e-3) and codes(found) == {"time-stamps-invalid"}
     np.testing.assert_array_equal(found.signals["motor_speed"], speed)
 
 
@@ -129,28 +129,28 @@ def test_rows_that_were_logged_twice_are_no_faster_clock():
 @pytest.mark.parametrize(("step", "resolution"), [(1 / 3000, 1e-3), (0.004, 0.01)])
 def test_the_inertia_of_coarse_stamps_is_that_of_whole_ones(step, resolution):
     torque, speed = axis(step)
-    whole, coarse = (build_experiment(on((time, torque), (time, speed)))
-                     for time in (np.arange(N) * step, cut(np.arange(N) * step, resolution)))
-    assert "clock-restored" in codes(coarse) and not codes(whole)
+    whole, coarse = (build_experiment(logged((time, torque), (time, speed)))
+                     for time in (np.arange(N) * step, cut_to_resolution(np.arange(N) * step, resolution)))
+    assert "clock-corrected" in codes(coarse) and not codes(whole)
     np.testing.assert_allclose(inertia(coarse), inertia(whole), rtol=1e-3)
 
 
 # --- receive times in batches
 
-def received(size, apart, step=0.002):
-    """Times at which messages of a uniform clock arrive when they wait for each other, `apart` seconds apart."""
+def receive_times(size, interval, step=0.002):
+    """Times at which messages of a uniform clock arrive when they wait for each other, `interval` seconds apart."""
     k = np.arange(N)
-    return (k // size * size + size - 1) * step + (k % size) * apart + 1e-3
+    return (k // size * size + size - 1) * step + (k % size) * interval + 1e-3
 
 
-def messages(path, size, apart, published=True, stamped=True):
+def messages(path, size, interval, published=True, stamped=True):
     torque, speed = axis(0.002)
     with path.open("wb") as file:
         writer = Writer(file)
         writer.start()
         sid = writer.register_schema("axis", "jsonschema", b'{"type": "object"}')
         channel = writer.register_channel("/axis", "json", sid)
-        for k, late in enumerate((received(size, apart) * 1e9).astype(int).tolist()):
+        for k, late in enumerate((receive_times(size, interval) * 1e9).astype(int).tolist()):
             stamp = {"header": {"stamp": {"sec": k // 500, "nanosec": k % 500 * 2_000_000}}} if stamped else {}
             text = json.dumps({**stamp, "torque": float(torque[k]), "speed": float(speed[k])})
             writer.add_message(channel, late, text.encode(), 2_000_000 * k if published else late)
@@ -168,17 +168,17 @@ def test_messages_that_arrive_in_batches(tmp_path, size, apart, clock, more):
         return
     found = open_experiment(tmp_path / "a.mcap", channel_map())
     # Where a batch has one stamp, it is a coarse clock.
-    told, = [f for f in found.findings if f.code == ("receive-times" if clock else "clock-restored")]
-    assert not clock or told.evidence["clock"] == clock
+    finding, = [f for f in found.findings if f.code == "clock-corrected"]
+    assert not clock or finding.evidence["clock"] == clock
     assert found.step == pytest.approx(0.002, rel=1e-4) and len(found.segments) == 1
     np.testing.assert_array_equal(found.signals["motor_speed"], axis(0.002)[1])
 
 
 def test_a_table_of_receive_times_is_refused():
     torque, speed = axis(0.002)
-    time = received(10, 5e-5)
+    time = receive_times(10, 5e-5)
     with pytest.raises(BadRecording, match=r"batches of 10 samples, one every 0\.02 s"):
-        build_experiment(on((time, torque), (time, speed)))
+        build_experiment(logged((time, torque), (time, speed)))
 
 
 @pytest.mark.parametrize("make", [
@@ -188,12 +188,12 @@ def test_a_table_of_receive_times_is_refused():
     lambda rng: np.concatenate([np.arange(0, 30, 0.03), 30 + np.arange(N) * 6e-4]),  # one rate after the other
     lambda rng: np.sort((np.arange(N) + 0.4 * rng.standard_normal(N)) * 1e-3)])
 def test_pauses_and_jitter_are_no_batches(make):
-    assert batches(make(np.random.default_rng(2))) is None
+    assert find_batches(make(np.random.default_rng(2))) is None
 
 
 # --- counters
 
-def counted(tmp_path, bits, unit, dtype, step=0.002, **entry):
+def write_counter_log(tmp_path, bits, unit, dtype, step=0.002, **entry):
     torque, speed = axis(step)
     ticks = {"us": 10**6, "ms": 10**3, "ns": 10**9}[unit]
     counts = (np.round(np.arange(N) * step * ticks).astype(np.int64) - int(2.4 * ticks)) % 2**bits
@@ -206,8 +206,8 @@ def counted(tmp_path, bits, unit, dtype, step=0.002, **entry):
     (32, "us", np.uint32), (32, "us", np.float64), (32, "ns", np.uint32), (16, "ms", np.uint16)])
 def test_a_counter_that_starts_again(tmp_path, bits, unit, dtype):
     with pytest.raises(BadRecording, match=rf"counter of 2\^{bits} {unit} makes.*wrap: {2**bits}"):
-        counted(tmp_path, bits, unit, dtype)
-    found = counted(tmp_path, bits, unit, dtype, wrap=2**bits)
+        write_counter_log(tmp_path, bits, unit, dtype)
+    found = write_counter_log(tmp_path, bits, unit, dtype, wrap=2**bits)
     assert found.step == pytest.approx(0.002) and found.segments == ((0, N),) and not codes(found)
     assert inertia(found)[0] == pytest.approx(INERTIA, rel=5e-3)
 
@@ -216,7 +216,7 @@ def test_a_clock_that_was_set_back_is_no_counter(tmp_path):
     time = np.arange(N) * 0.002
     time[2000:] -= 1.7
     with pytest.raises(BadRecording) as caught:
-        build_experiment(on((time, axis(0.002)[0]), (time, axis(0.002)[1])))
+        build_experiment(logged((time, axis(0.002)[0]), (time, axis(0.002)[1])))
     assert "counter" not in str(caught.value) and "keep to=" in str(caught.value)
 
 
@@ -227,7 +227,7 @@ def test_the_wrap_of_a_clock_is_a_number_of_counts():
 
 # --- numbers without a unit
 
-def plain(tmp_path, step, **more):
+def write_plain_log(tmp_path, step, **more):
     torque, speed = axis(step)
     pq.write_table(pa.table({"t": np.arange(N) * step, "torque": torque, "speed": speed}), tmp_path / "a.parquet")
     return open_experiment(tmp_path / "a.parquet", channel_map(**more))
@@ -236,13 +236,13 @@ def plain(tmp_path, step, **more):
 @pytest.mark.parametrize("step", [0.25, 1.0, 20.0, 500.0])
 def test_numbers_that_may_be_milliseconds_are_no_seconds(tmp_path, step):
     with pytest.raises(BadRecording, match=r"unit of the time channel 't' of a.parquet.*unit: ms"):
-        plain(tmp_path, step)
-    assert plain(tmp_path, step, time={"channel": "t", "unit": "ms"}).step == pytest.approx(1e-3 * step)
+        write_plain_log(tmp_path, step)
+    assert write_plain_log(tmp_path, step, time={"channel": "t", "unit": "ms"}).step == pytest.approx(1e-3 * step)
 
 
 def test_what_is_fast_enough_is_in_seconds(tmp_path):
-    assert plain(tmp_path, 0.5 * SLOWEST).step == pytest.approx(0.5 * SLOWEST)
-    assert plain(tmp_path, 1.0, time={"channel": "t", "unit": "s"}).step == pytest.approx(1.0)
+    assert write_plain_log(tmp_path, 0.5 * MAX_SAMPLE_INTERVAL).step == pytest.approx(0.5 * MAX_SAMPLE_INTERVAL)
+    assert write_plain_log(tmp_path, 1.0, time={"channel": "t", "unit": "s"}).step == pytest.approx(1.0)
 
 
 def test_messages_that_may_be_stamped_in_milliseconds(tmp_path):
@@ -275,25 +275,25 @@ def test_single_precision_may_be_a_coarse_clock(tmp_path):
     time = 1.5e6 + 0.002 * np.arange(N)
     pq.write_table(pa.table({"t": time.astype(np.float32), "torque": torque, "speed": speed}),
                    tmp_path / "a.parquet")
-    assert "clock-restored" in codes(open_experiment(tmp_path / "a.parquet", channel_map(time="t")))
+    assert "clock-corrected" in codes(open_experiment(tmp_path / "a.parquet", channel_map(time="t")))
 
 
 @pytest.mark.parametrize("shift", [9.0, -9.0, 1e3])
 def test_a_shift_out_of_the_record(shift):
     time = 0.002 * np.arange(N)
-    log = on((time, axis(0.002)[0]), (time, axis(0.002)[1]))
+    log = logged((time, axis(0.002)[0]), (time, axis(0.002)[1]))
     torque = {"channel": "motor_torque", "shift": shift}
     with pytest.raises(BadRecording, match=rf"shift of motor_torque .* found {shift:g} s in a record of 8 s"):
         build_experiment(log, channel_map({"motor_torque": torque, "motor_speed": {"channel": "motor_speed"}}))
     both = {role: {"channel": role, "shift": shift} for role in ("motor_torque", "motor_speed")}
     assert build_experiment(log, channel_map(both)).size == N
-    far = on((time - shift, axis(0.002)[0]), (time, axis(0.002)[1]))  # clocks that count from other times
+    far = logged((time - shift, axis(0.002)[0]), (time, axis(0.002)[1]))  # clocks that count from other times
     assert build_experiment(far, channel_map({"motor_torque": torque, "motor_speed": {"channel": "motor_speed"}}))
 
 
 # --- rows and messages without a value
 
-def joined(every, late):
+def join_late_samples(every, late):
     """Two tables joined on time: each row has the values of one, NaN in the place of the other's."""
     torque, speed = axis(0.002)
     time, other = np.arange(N) * 0.002, np.arange(0, N, every) * 0.002 + late
@@ -305,9 +305,9 @@ def joined(every, late):
 
 @pytest.mark.parametrize(("every", "late"), [(1, 0.001), (1, 0.0007), (7, 0.0), (250, 3e-4), (3, 0.0007)])
 def test_rows_without_a_value_are_no_samples(every, late):
-    time, torque, speed = joined(every, late)
-    found = build_experiment(on((time, torque), (time, speed)))
-    alone = build_experiment(on((np.arange(N) * 0.002, axis(0.002)[0]), (np.arange(N) * 0.002, axis(0.002)[1])))
+    time, torque, speed = join_late_samples(every, late)
+    found = build_experiment(logged((time, torque), (time, speed)))
+    alone = build_experiment(logged((np.arange(N) * 0.002, axis(0.002)[0]), (np.arange(N) * 0.002, axis(0.002)[1])))
     assert not codes(found) and found.segments == alone.segments and found.step == alone.step
     for role, values in alone.signals.items():
         np.testing.assert_array_equal(found.signals[role], values)
@@ -319,8 +319,8 @@ def test_tables_of_two_rates_joined_on_time():
     time = np.arange(N) * 0.002
     column = np.full(N, np.nan)
     column[::50] = commands
-    found = build_experiment(on((time, column), (time, speed)))
-    whole = build_experiment(on((time, torque), (time, speed)))
+    found = build_experiment(logged((time, column), (time, speed)))
+    whole = build_experiment(logged((time, torque), (time, speed)))
     assert not codes(found)
     np.testing.assert_array_equal(found.signals["motor_torque"], whole.signals["motor_torque"])
 
@@ -335,7 +335,7 @@ def test_a_sensor_slower_than_the_torque_and_off_its_clock(seed):
     clean = np.concatenate([[0.0], np.cumsum(torque)[:-1]]) * 1e-3 / INERTIA
     slow = np.arange(0, len(fine) - 10, 10) * 1e-3 + 0.0004
     speed = np.interp(slow, fine, clean) + 0.02 * rng.standard_normal(len(slow))
-    value, std = inertia(build_experiment(on((fine, torque), (slow, speed))))
+    value, std = inertia(build_experiment(logged((fine, torque), (slow, speed))))
     assert abs(value - INERTIA) < 3.0 * std and std < 1e-3 * INERTIA
 
 
@@ -347,8 +347,8 @@ def test_zeros_that_a_writer_leaves_out(tmp_path):
     pq.write_table(pa.table({"time": np.arange(N) * 0.002, "torque": column, "speed": speed}),
                    tmp_path / "a.parquet")
     found = open_experiment(tmp_path / "a.parquet", channel_map())
-    told = next(f for f in found.findings if f.code == "missing-values")
-    assert told.evidence["samples"] == np.isnan(column).sum() and "absent: 0" in told.action
+    finding = next(f for f in found.findings if f.code == "samples-missing")
+    assert finding.evidence["samples"] == np.isnan(column).sum() and "absent: 0" in finding.action
     assert len(found.segments) > 5
     roles = {"motor_torque": {"channel": "torque", "unit": "Nm", "absent": 0},
              "motor_speed": {"channel": "speed", "unit": "rad/s"}}
@@ -361,12 +361,12 @@ def test_an_infinite_value_is_a_sample_that_failed():
     torque, speed = axis(0.002)
     speed[[100, 2000]] = np.inf
     time = np.arange(N) * 0.002
-    found = build_experiment(on((time, torque), (time, speed)))
-    told = next(f for f in found.findings if f.code == "missing-values")
-    assert told.evidence["samples"] == 2 and np.isnan(found.signals["motor_speed"][[100, 2000]]).all()
+    found = build_experiment(logged((time, torque), (time, speed)))
+    finding = next(f for f in found.findings if f.code == "samples-missing")
+    assert finding.evidence["samples"] == 2 and np.isnan(found.signals["motor_speed"][[100, 2000]]).all()
 
 
 def test_no_row_with_a_value(tmp_path):
     time = np.arange(N) * 0.002
     with pytest.raises(DriveToolError, match="values of motor_torque"):
-        build_experiment(on((time, np.full(N, np.nan)), (time, axis(0.002)[1])))
+        build_experiment(logged((time, np.full(N, np.nan)), (time, axis(0.002)[1])))

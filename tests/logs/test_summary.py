@@ -8,7 +8,7 @@ import pyarrow.parquet as pq
 import pytest
 
 from drivetool.errors import BadRecording
-from drivetool.logs.formats.summary import COLUMNS, Row, read_summary
+from drivetool.logs.formats.summary import SUMMARY_COLUMNS, Row, read_summary
 from tests.summaries import table_of, write_summary
 
 ROWS = [Row("a/1.mcap", "a", 1772323200.25, 0, "steady", "motor.viscous", 0.4, "Nm s/rad", 0.01, "fitted", "x"),
@@ -29,7 +29,7 @@ def test_other_types_of_the_same_meaning_are_read(tmp_path):
     assert read_summary(tmp_path / "s.parquet") == ROWS
 
 
-@pytest.mark.parametrize("column", COLUMNS)
+@pytest.mark.parametrize("column", SUMMARY_COLUMNS)
 def test_a_missing_column_is_named(tmp_path, column):
     pq.write_table(table_of(ROWS).drop_columns([column]), tmp_path / "s.parquet")
     with pytest.raises(BadRecording, match=rf"no {column} \(available: "):

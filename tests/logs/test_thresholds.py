@@ -1,19 +1,19 @@
-"""Bounds that decide whether data is dropped, repaired or doubted: half of each, and twice, decide otherwise."""
+"""Bounds that decide whether data is dropped, repaired or suspected: half of each, and twice, decide otherwise."""
 
 import numpy as np
 import pytest
 
 from drivetool.errors import BadRecording, NotEnoughData
 from drivetool.logs.clocks import batched_times as batches, clean_stamps as clean_clock, coarse_clock
-from drivetool.logs.clocks.batched_times import batches as batches_of
+from drivetool.logs.clocks.batched_times import find_batches as batches_of
 from drivetool.logs.clocks.clean_stamps import clean_clock as cleaned
-from drivetool.logs.clocks.coarse_clock import restored
+from drivetool.logs.clocks.coarse_clock import restore_uniform_times
 from drivetool.logs.door.build import MIN_SAMPLES, MIN_SEGMENT, build_experiment
 from drivetool.logs.experiment import Channel, Recording
-from drivetool.logs.samples import not_measured as unmeasured, speed_check
+from drivetool.logs.samples import speed_check, unmeasured_samples as unmeasured
 
 N, STEP = 4000, 1e-3
-LESS, MORE = 0.71, 1.41  # shares of a bound
+BELOW_BOUND, ABOVE_BOUND = 0.71, 1.41  # shares of a bound
 
 
 def built(time, torque, **sensors):
@@ -31,14 +31,14 @@ def noise(n=N, seed=1):
     return np.random.default_rng(seed).standard_normal(n)
 
 
-def coarse(share):
-    time = np.floor(np.arange(round(share * coarse_clock.LEAST)) * 2.5e-4 / 1e-3 + 1e-6) * 1e-3
-    return restored(time) is not None
+def restores_coarse_clock(share):
+    time = np.floor(np.arange(round(share * coarse_clock.MIN_STRETCH_SAMPLES)) * 2.5e-4 / 1e-3 + 1e-6) * 1e-3
+    return restore_uniform_times(time) is not None
 
 
-def sorted_back(share):
+def sorts_displaced_sample(share):
     time = np.arange(N) * STEP
-    places = round(share * clean_clock.DISORDER)
+    places = round(share * clean_clock.MAX_DISPLACEMENT)
     late = np.concatenate([time[:1000], time[1001:1001 + places], time[1000:1001], time[1001 + places:]])
     try:
         cleaned(late, "motor_speed", "log")
@@ -47,18 +47,18 @@ def sorted_back(share):
     return True
 
 
-def in_batches(share):
-    k = np.arange(20 * round(share * batches.LEAST))
+def finds_batches(share):
+    k = np.arange(20 * round(share * batches.MIN_BATCHES))
     return batches_of(k // 20 * 0.04 + k % 20 * 2e-5) is not None
 
 
-def short_inside(share):
+def finds_inner_steps(share):
     """Batches of four whose inner steps are a share of the mean one."""
     k = np.arange(N)
-    return batches_of((k // 4 + share * batches.SHORT * (k % 4) / 4) * 4 * STEP) is not None
+    return batches_of((k // 4 + share * batches.MAX_INNER_STEP * (k % 4) / 4) * 4 * STEP) is not None
 
 
-def long_enough(share):
+def accepts_record(share):
     n = round(share * MIN_SAMPLES)
     try:
         built(np.arange(n) * STEP, noise(n), motor_speed=noise(n, 2))
@@ -67,28 +67,29 @@ def long_enough(share):
     return True
 
 
-def pieces_kept(share):
+def keeps_segment(share):
     piece = round(share * MIN_SEGMENT)
     time = np.concatenate([np.arange(500), 600 + np.arange(piece), 700 + np.arange(500)]) * STEP
     return len(built(time, noise(len(time)), motor_speed=noise(len(time), 2)).segments) == 3
 
 
-def scale_doubted(share):
+def reports_wrong_scale(share):
     time = np.arange(N) * STEP
     speed = np.sin(40 * time) + np.sin(9 * time)
     angle = -np.cos(40 * time) / 40 - np.cos(9 * time) / 9
     found = built(time, noise(), motor_speed=(1 + share * speed_check.SCALE_TOLERANCE) * speed, motor_angle=angle)
-    return "speed-scale" in codes(found)
+    return "speed-angle-mismatch" in codes(found)
 
 
-def end_of_range(share):
+def reports_saturation(share):
     speed = 0.1 * noise(seed=3) + np.sin(np.arange(N) / 60)
-    speed[1000:1000 + round(share * unmeasured.CUT * N)] = 5.0
-    return "cut-off" in codes(built(np.arange(N) * STEP, noise(), motor_speed=speed))
+    speed[1000:1000 + round(share * unmeasured.MIN_SATURATED_SHARE * N)] = 5.0
+    return "signal-saturated" in codes(built(np.arange(N) * STEP, noise(), motor_speed=speed))
 
 
 @pytest.mark.parametrize(("acts", "above"), [
-    (coarse, True), (sorted_back, False), (in_batches, True), (short_inside, False), (long_enough, True),
-    (pieces_kept, True), (scale_doubted, True), (end_of_range, True)])
+    (restores_coarse_clock, True), (sorts_displaced_sample, False), (finds_batches, True),
+    (finds_inner_steps, False), (accepts_record, True), (keeps_segment, True), (reports_wrong_scale, True),
+    (reports_saturation, True)])
 def test_half_and_twice_decide_otherwise(acts, above):
-    assert acts(MORE) is above and acts(LESS) is not above
+    assert acts(ABOVE_BOUND) is above and acts(BELOW_BOUND) is not above

@@ -6,7 +6,7 @@ import pytest
 from hypothesis import given, strategies as st
 
 from drivetool.errors import BadOption, BadRecording
-from drivetool.logs.units import TABLE, parse_unit, units_for
+from drivetool.logs.units import UNIT_TABLE, parse_unit, units_for
 
 SPELLINGS = [
     ("Nm", "torque", "Nm", 1.0), ("N m", "torque", "Nm", 1.0), ("N*m", "torque", "Nm", 1.0),
@@ -57,9 +57,9 @@ def test_the_map_has_its_own_kind_of_error():
         parse_unit("furlong", "angle", "x", BadOption)
 
 
-@given(st.sampled_from(sorted(TABLE)), st.floats(-1e9, 1e9))
+@given(st.sampled_from(sorted(UNIT_TABLE)), st.floats(-1e9, 1e9))
 def test_round_trip(name, value):
-    dimension = TABLE[name][0]
+    dimension = UNIT_TABLE[name][0]
     unit = parse_unit(name, "torque" if dimension == "relative" else dimension, "x")
     assert unit.text == name
     assert unit.from_si(unit.to_si(value)) == pytest.approx(value, rel=1e-15, abs=1e-300)

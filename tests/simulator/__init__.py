@@ -1,1 +1,1 @@
-"""Simulated drives to hold drivetool against; shares no code with it."""
+"""Simulated drives to compare drivetool with; shares no code with it."""

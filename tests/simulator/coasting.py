@@ -1,4 +1,4 @@
-"""Run-downs of a motor without torque: its equation of motion, solved by a general solver, and what sensors see."""
+"""Coast-downs of a motor without torque: its equation of motion by a general solver, and the sensors' signals."""
 
 from __future__ import annotations
 

@@ -67,7 +67,7 @@ def simulate_fast(machine: Machine, torque: np.ndarray, step: float, start: Stat
     kept, commands = np.zeros((torque.size, 5 * n)), np.zeros(torque.size)
     at = kernel.whole_record(states, plant, mode, signals, control, timing, kept, commands)
     if at >= 0:
-        raise RuntimeError(f"more than {kernel.MOST_EVENTS} mode changes in sample {at}")
+        raise RuntimeError(f"more than {kernel.MAX_EVENTS_PER_SAMPLE} mode changes in sample {at}")
     return _trajectory(machine, kept, commands, step, mode[kernel.EVENTS], states[kernel.NOW])
 
 

@@ -1,6 +1,6 @@
 """The equations of `laws.py` compiled: fixed small Runge-Kutta steps of order 8, events by bisection.
 
-Written apart from the plain simulator and from drivetool's kernel; a test holds it to the former.
+Written independently of the plain simulator and of drivetool's kernel; a test compares it with the former.
 State: n speeds, n-1 twists, angle of body 0, converter torque and rate, filtered speed of body 0.
 """
 
@@ -16,7 +16,7 @@ A, B, C = (np.ascontiguousarray(a) for a in (DOP853.A[:12, :12], DOP853.B, DOP85
 STAGES = 12
 SPEED_NOISE = 1e-14
 TWIST_NOISE = 1e-15
-MOST_EVENTS = 1000
+MAX_EVENTS_PER_SAMPLE = 1000
 
 # Everything about the machine is one array, a row per quantity and a column per body or shaft, and
 # the states of the integrator are another: compiled calls pay for every array they are handed.
@@ -63,7 +63,7 @@ def one_side(x, at, k, side, p):
 
 
 @njit(cache=True, error_model="numpy")
-def bent(k, p):
+def load_dependent(k, p):
     """Whether stiffness or damping depend on the load: the law then has a kink at no load.
 
     Without a gap the contact state is the sign of the twist, so that no step goes over the kink.
@@ -81,7 +81,7 @@ def shaft_torque(x, at, k, p, mode):
 
 
 @njit(cache=True, error_model="numpy")
-def worn(t, p):
+def friction_factor(t, p):
     """Factor of viscous and Coulomb friction at time t."""
     return 1.0 + p[LINE, DRI] * np.exp(-t / p[LINE, DTI]) if p[LINE, DRI] != 0.0 else 1.0
 
@@ -89,7 +89,7 @@ def worn(t, p):
 @njit(cache=True, error_model="numpy")
 def net_torques(x, at, t, u, p, mode):
     """All torques on each body except its Coulomb and Stribeck friction, into row NET."""
-    n, factor = bodies(x), worn(t, p)
+    n, factor = bodies(x), friction_factor(t, p)
     for i in range(n):
         w = x[at, i]
         back = mode[SLIP, i] < 0 if p[ROU, i] > 0.0 else w < 0.0
@@ -116,7 +116,7 @@ def net_torques(x, at, t, u, p, mode):
 def level(i, way, t, p):
     """Torque that body i can hold against motion in direction `way`."""
     coulomb = p[COU, i] if way > 0 else p[CBK, i]
-    return coulomb * worn(t, p) + p[STR, i]
+    return coulomb * friction_factor(t, p) + p[STR, i]
 
 
 @njit(cache=True, error_model="numpy")
@@ -130,7 +130,7 @@ def derivative(x, at, to, t, u, p, mode):
             if way == 0:
                 force = 0.0
             else:
-                held = (p[COU, i] if way > 0 else p[CBK, i]) * worn(t, p)
+                held = (p[COU, i] if way > 0 else p[CBK, i]) * friction_factor(t, p)
                 if p[STR, i] > 0.0:
                     held += p[STR, i] * np.exp(-(abs(x[at, i]) / p[SSP, i]) ** p[SPO, i])
                 force -= way * held
@@ -193,7 +193,7 @@ def violated(x, at, t, u, p, mode):
                 return k, 1
             elif one_side(x, at, k, -1, p) < -noise:
                 return k, -1
-        elif bent(k, p) and mode[CONTACT, k] * x[at, n + k] < -TWIST_NOISE:
+        elif load_dependent(k, p) and mode[CONTACT, k] * x[at, n + k] < -TWIST_NOISE:
             return k, -mode[CONTACT, k]
     known = False
     for i in range(n):
@@ -258,7 +258,7 @@ def advance(x, t, length, longest, u, p, mode):
         which, new = violated(x, NOW, t, u, p, mode)
         if which >= 0:
             count += 1
-            if count > MOST_EVENTS:
+            if count > MAX_EVENTS_PER_SAMPLE:
                 return False
             leave(which, new, x, t, u, p, mode)
             continue
@@ -294,7 +294,7 @@ def begin(x, p, mode):
                 mode[CONTACT, k] = 1
             elif one_side(x, NOW, k, -1, p) < 0.0:
                 mode[CONTACT, k] = -1
-        elif bent(k, p):
+        elif load_dependent(k, p):
             mode[CONTACT, k] = 1 if x[NOW, bodies(x) + k] >= 0.0 else -1
 
 
@@ -337,15 +337,15 @@ def whole_record(x, p, mode, signals, control, timing, kept, commands):
         settle(x, t, u, p, mode)
         keep(kept[i], x, seen, u, p, mode)
         cuts = (rest, switch - t if t < switch < t + step and p[LINE, LST] != 0.0 else 0.0)
-        begun = 0.0
+        piece_start = 0.0
         for cut in (min(cuts), max(cuts), step):
-            if cut > begun:
-                half = 0.5 * (begun + cut)
+            if cut > piece_start:
+                half = 0.5 * (piece_start + cut)
                 u = Input(late if half > rest else later, signals[1, i],
                           load + (p[LINE, LST] if t + half > switch else 0.0))
-                if not advance(x, t + begun, cut - begun, longest, u, p, mode):
+                if not advance(x, t + piece_start, cut - piece_start, longest, u, p, mode):
                     return i
-                begun = cut
+                piece_start = cut
     return -1
 
 

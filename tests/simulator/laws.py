@@ -69,9 +69,9 @@ class Laws:
         """Of the sign of the torque that shaft k has if it touches on `side`: a twist [rad]."""
         if k not in self.bent:
             return self.reach(x, k) - side * self.machine.half_gap[k]
-        return self._bent_torque(x, k, side) / self.machine.stiffness[k]
+        return self._load_dependent_torque(x, k, side) / self.machine.stiffness[k]
 
-    def _bent_torque(self, x: list[float], k: int, side: int) -> float:
+    def _load_dependent_torque(self, x: list[float], k: int, side: int) -> float:
         """Torque of a shaft whose stiffness or damping changes with its load."""
         _, ks, lead, _, gap, ratio = self.shafts[k]
         twist, power, torque = self.bent[k]
@@ -88,13 +88,13 @@ class Laws:
             if gap > 0 and not side:
                 closed = 0.0
             elif k in self.bent:
-                closed = self._bent_torque(x, k, side)
+                closed = self._load_dependent_torque(x, k, side)
             else:
                 closed = ks * (x[self.n + k] + lead * rate - side * gap)
             torques.append(closed + extra * rate)
         return torques
 
-    def worn(self, x: list[float]) -> float:
+    def friction_factor(self, x: list[float]) -> float:
         """Factor of viscous and Coulomb friction."""
         if self.clock is None:
             return 1.0
@@ -104,11 +104,11 @@ class Laws:
     def hold(self, x: list[float], i: int, way: int) -> float:
         """Torque that body i at standstill can hold against motion in direction `way` [Nm]."""
         b = self.body[i]
-        return (b.coulomb if way > 0 else b.coulomb_back) * self.worn(x) + b.stribeck
+        return (b.coulomb if way > 0 else b.coulomb_back) * self.friction_factor(x) + b.stribeck
 
     def net_torques(self, x: list[float]) -> list[float]:
         """(n,) sum of all torques on each body except its Coulomb and Stribeck friction [Nm]."""
-        n, e, worn, net = self.n, self.machine.effects, self.worn(x), []
+        n, e, worn, net = self.n, self.machine.effects, self.friction_factor(x), []
         for i, b in enumerate(self.body):
             back = self.slip[i] < 0 if b.rough else x[i] < 0
             viscous = (b.viscous_back if back else b.viscous) * worn
@@ -153,7 +153,7 @@ class Laws:
     def _sliding(self, x: list[float], i: int) -> float:
         """Coulomb and Stribeck friction of a body that slides [Nm]."""
         b = self.body[i]
-        level = (b.coulomb if self.slip[i] > 0 else b.coulomb_back) * self.worn(x)
+        level = (b.coulomb if self.slip[i] > 0 else b.coulomb_back) * self.friction_factor(x)
         if not b.stribeck:
             return level
         return level + b.stribeck * math.exp(-((abs(x[i]) / b.stribeck_speed) ** b.stribeck_power))

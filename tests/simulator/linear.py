@@ -1,6 +1,6 @@
 """Machines without gap and Coulomb friction: exact from sample to sample by matrix exponential.
 
-Written apart from the event simulator, from the equations, so that each is a check of the other.
+Written independently of the event simulator, from the equations, so that each checks the other.
 """
 
 from __future__ import annotations

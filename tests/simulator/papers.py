@@ -41,7 +41,7 @@ def robot_reference(kind: str, size: float, n: int = 24_000, seed: int = 1) -> n
 
 
 def robot_record(machine: Machine, kind: str, size: float, seed: int) -> Channels:
-    """Torque command, noisy speed and the reference, under a controller that nobody tells the tool about."""
+    """Torque command, noisy speed and the reference, under a controller that is unknown to the tool."""
     reference = robot_reference(kind, size)
     torque, speed = (white_noise(len(reference), std, 2 * seed + i) for i, std in enumerate(ROBOT_NOISE))
     run = simulate_fast(machine, np.zeros_like(reference), ROBOT_STEP, at_rest(machine),

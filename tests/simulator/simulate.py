@@ -122,7 +122,7 @@ def simulate(
         laws.disturbance, laws.turned = disturbance, angle
         if laws.clock is not None:
             y[laws.clock] = i * step
-        pieces = _loaded(_pieces(commands, machine.dead_time, step, start.torque), machine, i * step)
+        pieces = _split_at_load_step(_pieces(commands, machine.dead_time, step, start.torque), machine, i * step)
         laws.command, laws.load = pieces[0][1], load_now + pieces[0][2]
         laws.settle(y)
         rows.append(_row(laws, y.tolist(), angle, measured))
@@ -144,16 +144,16 @@ def _pieces(commands: list[float], dead_time: float, step: float, before: float)
     return [(rest, later), (step - rest, late)]
 
 
-def _loaded(pieces, machine: Machine, begun: float):
+def _split_at_load_step(pieces, machine: Machine, start_time: float):
     """[(length, command, stepped load)]: the piece in which the load steps is cut in two."""
     (torque, when), found = machine.effects.load_step, []
     for length, command in pieces:
-        before = min(max(when - begun, 0.0), length)
+        before = min(max(when - start_time, 0.0), length)
         if torque and 0.0 < before < length:
             found.append((before, command, 0.0))
         after = length - before if 0.0 < before < length else length
         found.append((after, command, torque if torque and before < length else 0.0))
-        begun += length
+        start_time += length
     return found
 
 

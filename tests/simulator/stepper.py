@@ -8,9 +8,9 @@ from scipy.optimize import brentq
 
 from tests.simulator.laws import Laws
 
-# Of a step, where guards are looked at; next to its ends too, for a dip may lie in the first or last eighth.
+# Fractions of a step at which guards are evaluated; near its ends too, for a dip in the first or last eighth.
 FRACTIONS = np.sort([*np.arange(9) / 8.0, 1e-4, 1.0 - 1e-4])
-MOST_EVENTS = 1000
+MAX_EVENTS_PER_PIECE = 1000
 
 
 class Stepper:
@@ -28,7 +28,7 @@ class Stepper:
         """
         self.laws.settle(y)
         done = 0.0
-        for _ in range(MOST_EVENTS):
+        for _ in range(MAX_EVENTS_PER_PIECE):
             y, took, event = self._until_event(y, length - done)
             done += took
             if event is None:
@@ -37,7 +37,7 @@ class Stepper:
             self.laws.leave(y, *event)
             if done >= length:
                 return y
-        raise RuntimeError(f"more than {MOST_EVENTS} mode changes in {length} s, last {event}")
+        raise RuntimeError(f"more than {MAX_EVENTS_PER_PIECE} mode changes in {length} s, last {event}")
 
     def _solver(self, start: float, y: np.ndarray, end: float) -> DOP853:
         first = min(end - start, self.good_step)
@@ -52,7 +52,7 @@ class Stepper:
             message = solver.step()
             if solver.status == "failed":
                 raise RuntimeError(f"integration failed: {message}")
-            # A step that was refused says how long a step may be; a full one may grow again.
+            # A rejected step says how long a step may be; a full one may grow again.
             self.good_step = solver.step_size if solver.step_size < 0.999 * tried else max(
                 self.good_step, solver.h_abs)
             if self.guarded:

@@ -6,7 +6,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from tests.hidden.case import conceal
+from tests.hidden.case import add_effects
 from tests.hidden.effects import KINDS
 from tests.hidden.profiles import STEP, profile
 from tests.hidden.rigs import rig_by_seed
@@ -34,7 +34,7 @@ def test_compiled_simulator_agrees_on_every_effect(code):
     kind = KINDS[code]
     bodies, linear = SHAPES.get(code, (2, False))
     rig = rig_by_seed(3, bodies, linear, kind.coulomb)
-    machine, _, _ = conceal([code], rig, None, 5)
+    machine, _, _ = add_effects([code], rig, None, 5)
     if code == "load-step":
         machine = replace(machine, effects=replace(machine.effects, load_step=(0.1 * rig.rated, 0.20037)))
     plan = profile("reversing", rig, 4)

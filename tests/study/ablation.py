@@ -15,7 +15,7 @@ from dataclasses import fields
 from pathlib import Path
 
 from drivetool.check.outcome import Facts
-from drivetool.check.verdict import RULES, judged
+from drivetool.check.verdict import RULES, apply_rules
 from drivetool.check.verdict.rules import Rule
 from tests.hidden.command import Answer, grade
 from tests.study.shared.rows import rows
@@ -31,7 +31,7 @@ def facts_of(row: Mapping) -> Facts:
 
 def graded(row: Mapping, rules: Sequence[Rule]) -> str:
     """The grade of a row's record under a table of rules."""
-    said = judged(facts_of(row), rules)
+    said = apply_rules(facts_of(row), rules)
     answer = Answer(said.verdict, said.causes, said.between if said.verdict == "undetermined" else ())
     if "to_name" in row:
         return grade(row["to_name"], answer, bool(row["removed"]))
@@ -40,7 +40,7 @@ def graded(row: Mapping, rules: Sequence[Rule]) -> str:
 
 def without_each(found: Sequence[Mapping]) -> list[tuple[str, int, Counter]]:
     """(rule, records in which it decides, (grade with it, grade without it) -> count where they differ)."""
-    whole = [(graded(row, RULES), judged(facts_of(row)).rule) for row in found]
+    whole = [(graded(row, RULES), apply_rules(facts_of(row)).rule) for row in found]
     table = []
     for rule in RULES[:-1]:  # the last one is what is left
         less = [r for r in RULES if r is not rule]

@@ -13,7 +13,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from drivetool.check.validation import Model, ValidateOptions, validate_run_down
+from drivetool.check.validation import CoastDownModel, ValidateOptions, validate_coast_down
 from drivetool.drive import one_body
 from drivetool.identify.setup import Options, as_stator_voltages
 from drivetool.identify.steady import steady
@@ -83,12 +83,12 @@ def judged(n: int) -> None:
             return recording(1000 * h + seed, motor_angle=counts(runs[h, motor][first:], 1000 * h + seed))
 
         ratios = {p.name: p.value for p in steady([record(40, "same")], one_body(), HOW).ratios}
-        model = Model("coast.yaml", one_body().with_values({
+        model = CoastDownModel("coast.yaml", one_body().with_values({
             "motor.inertia": 1.0, "motor.viscous": ratios["viscous_over_inertia"],
             "motor.coulomb": ratios["coulomb_over_inertia"]}), ratios=True)
         for h, motor in runs:
             if (h, motor) != (40, "same"):
-                angle, speed = validate_run_down([record(h, motor)], [model], ValidateOptions()).checks
+                angle, speed = validate_coast_down([record(h, motor)], [model], ValidateOptions()).checks
                 found.setdefault((h, motor), []).append((angle.rmse_counts, speed.rmse / RPM))
     for (h, motor), rows in found.items():
         angle, speed = np.array(rows).T

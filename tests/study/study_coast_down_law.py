@@ -13,7 +13,7 @@ from pathlib import Path
 import yaml
 
 from tests.hidden.command import run
-from tests.hidden.test_coasting import COAST, PAPER, coasting, finding, steady
+from tests.hidden.test_coasting import COAST, PAPER, finding, steady, write_coast_down
 
 KNOWN = ("--set", "motor.inertia=1", "--hold", "motor.inertia")
 LAW = ("--free", "motor.breakaway", "--free", "motor.breakaway_speed")
@@ -23,9 +23,9 @@ def one(folder: Path, seed: int) -> tuple[str, float, float, float]:
     """(law that is named, lower end, gain on another run, upper end) in per cent."""
     hidden = replace(PAPER, surplus=0.5 * PAPER.coulomb, breakaway_speed=5.0)
     for name, number in (("coast", seed), ("another", 1000 + seed)):
-        coasting(folder / f"{name}.parquet", hidden, number, end=1e-3)
+        write_coast_down(folder / f"{name}.parquet", hidden, number, end=1e-3)
     plain, _ = steady(folder, "coast.parquet", *COAST, *KNOWN)
-    said = finding(plain, "friction-law-incomplete")["evidence"]
+    said = finding(plain, "nonlinear-friction")["evidence"]
     (folder / "out.yaml").rename(folder / "plain.yaml")
     steady(folder, "coast.parquet", *COAST, *KNOWN, *LAW)
     run(folder, ["validate", "another.parquet", "--map", "map.yaml", "--params", "plain.yaml", "--params",

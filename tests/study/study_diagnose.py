@@ -32,7 +32,7 @@ import pytest
 from scipy.stats import beta
 
 from tests.hidden import CODES, KINDS, greybox_options, make_case, write_start
-from tests.hidden.command import GRADES, Answer, Running, ask, grade, run
+from tests.hidden.command import GRADES, Answer, CommandRunner, grade, greybox_and_diagnose, run
 from tests.hidden.visibility import separation, visible
 from tests.study.shared.options import results as results_file
 from tests.study.shared.rows import resumed, rows
@@ -181,14 +181,14 @@ def run_inside(folder: Path, words: Sequence[object]) -> subprocess.CompletedPro
     return subprocess.CompletedProcess(command, code or 0, out.getvalue(), err.getvalue())
 
 
-def one(plan: Plan, asking: Callable[..., Answer] = ask) -> dict:
+def one(plan: Plan, asking: Callable[..., Answer] = greybox_and_diagnose) -> dict:
     """Make the case, run the commands on it, open the label.
 
     Where nothing is hidden there is no label to keep from the commands, and they run in this process.
     """
     begun, running = time.monotonic(), run
-    if plan.part == "none" and asking is ask:
-        running, asking = run_inside, partial(ask, running=run_inside)
+    if plan.part == "none" and asking is greybox_and_diagnose:
+        running, asking = run_inside, partial(greybox_and_diagnose, runner=run_inside)
     case = make_case(plan.effects, **(sized(plan) if plan.aim else plan.options))
     with tempfile.TemporaryDirectory() as room:
         logs, held = case.write_records(Path(room))
@@ -219,7 +219,7 @@ def one(plan: Plan, asking: Callable[..., Answer] = ask) -> dict:
         "smallest": {c["code"]: {n: v["value"] for n, v in (c.get("smallest") or {}).items()}
                      for c in sorted(answer.candidates, key=lambda c: -c["round"])},
         "values": {n: v for e in label["effects"] for n, v in told(e["truth"], label["plain"], {}).items()},
-        "intervals": intervals(label, answer), "talk": answer.talk[-300:] if answer.verdict == "failed" else "",
+        "intervals": intervals(label, answer), "talk": answer.stderr[-300:] if answer.verdict == "failed" else "",
         "asked": label["asked"], "seconds": round(time.monotonic() - begun, 1)}
 
 
@@ -231,7 +231,7 @@ def to_name(label: Mapping, answer: Answer) -> list[str]:
     return [c for c in label["causes"] if c in shown | found] if shown else label["causes"]
 
 
-def fresh_error(room: Path, log: Path, params: str, segment: float, running: Running) -> float | None:
+def fresh_error(room: Path, log: Path, params: str, segment: float, running: CommandRunner) -> float | None:
     """Error of free runs on a record of the same machine that nobody has seen, by `validate`.
 
     segment  [s] length of the runs, that of the error which the diagnosis states
@@ -304,12 +304,12 @@ def results() -> Path:
 
 
 def study(wanted: Iterable[Plan], path: Path, workers: int = 2,
-          asking: Callable[..., Answer] = ask) -> list[dict]:
+          asking: Callable[..., Answer] = greybox_and_diagnose) -> list[dict]:
     """Run what is not there yet, a line per case as soon as it is done; all the wanted rows."""
     there, wanted = resumed(path), list(wanted)
     missing = [plan for plan in wanted if plan.key not in there]
     # Null records run inside their worker, which therefore is a process; a stand-in can stay a thread.
-    with (ProcessPoolExecutor(workers, get_context("spawn")) if asking is ask else
+    with (ProcessPoolExecutor(workers, get_context("spawn")) if asking is greybox_and_diagnose else
           ThreadPoolExecutor(workers)) as pool:
         for row in pool.map(_guarded, missing, repeat(asking)):
             with path.open("a") as file:

@@ -68,7 +68,7 @@ def worth(machine: Machine, seed: int) -> float:
         problem = task.problem()
         point = first_point(drive, problem, roles)
         noise = fit_ratio(problem, point, Noise(1.0, None, problem.scale))
-        values[law] = min(fit_innovations(problem, point, noise, arrived=True, most=30).value,
+        values[law] = min(fit_innovations(problem, point, noise, near_optimum=True, max_rounds=30).value,
                           minus_log_likelihood(filtered(problem, point, noise, keep=False)))
     return values["always" if machine.law == "inside" else "inside"] - values[machine.law]
 
@@ -84,7 +84,7 @@ def main(rigs: int = RIGS, shift: int = 0, share: float = 1.0) -> None:
         told = {f.code: f for f in estimate.findings}
         named = estimate.drive.damping_law if "gap-law" in told else "-"
         kind = "plain" if lead > PLAIN else "hidden" if abs(lead) < HIDDEN else "between"
-        said = "undetermined" if "gap-law-undetermined" in told else "nothing"
+        said = "undetermined" if "gap-law" in told else "nothing"
         counts[kind][said if named == "-" else "right" if named == machine.law else "wrong"] += 1
         cells = []
         for name, true in (("shaft.half_gap", machine.half_gap[0]), ("shaft.damping", machine.damping[0])):

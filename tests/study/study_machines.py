@@ -16,7 +16,7 @@ import numpy as np
 
 from drivetool.drive import Drive
 from drivetool.identify.several import CompareOptions
-from drivetool.identify.several.comparison import figures_in, model_of
+from drivetool.identify.several.comparison import compared_figures, fitted_structure
 from drivetool.identify.several.differences import between_machines
 from drivetool.logs import Experiment
 from tests.identify.days import NAMES, days_of, machine_of, start_of
@@ -29,7 +29,7 @@ FIRST_SEED = 730_000
 def figures_of(days: Sequence[Experiment], start: Drive) -> dict[str, Mapping[str, tuple]]:
     """Recording -> what is found of it."""
     options = CompareOptions((STRUCTURE,))
-    return {e.name: figures_in(model_of(STRUCTURE, e.name, e, start, options, days)) for e in days}
+    return {e.name: compared_figures(fitted_structure(STRUCTURE, e.name, e, start, options, days)) for e in days}
 
 
 def told(seed: int, count: int) -> list[set[str]]:

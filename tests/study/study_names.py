@@ -23,7 +23,7 @@ import numpy as np
 import pytest
 import yaml
 
-from tests.hidden.command import Answer, ask, run
+from tests.hidden.command import Answer, greybox_and_diagnose, run
 from tests.study.shared import options, rows
 from tests.study.shared.command import write
 from tests.study.shared.options import number, words
@@ -145,7 +145,8 @@ def answered(folder: Path, start: Path, free: Sequence[str], judged: bool) -> di
     judged  whether held.parquet judges, or halves of the record
     """
     begun = _spent()
-    answer = ask(folder, [folder / "record.parquet"], start, free, ["--holdout", "held.parquet"] if judged else [])
+    answer = greybox_and_diagnose(folder, [folder / "record.parquet"], start, free,
+                                  ["--holdout", "held.parquet"] if judged else [])
     seconds = _spent() - begun
     segment = answer.gain.get("segment") or 0.0
     errors = {name: fresh_error(folder, Path("fresh.parquet"), f"{name}.yaml", segment, run)
@@ -155,7 +156,7 @@ def answered(folder: Path, start: Path, free: Sequence[str], judged: bool) -> di
         "gain": answer.gain, "fresh": errors, "rule": answer.rule, "facts": answer.facts,
         "gains": [[c["round"], c["code"], c["state"], c.get("gain"), c.get("gain_std"), c.get("evidence")]
                   for c in answer.candidates if c.get("gain") is not None],
-        "talk": answer.talk[-300:] if answer.verdict == "failed" else "", "seconds": round(seconds, 1)}
+        "talk": answer.stderr[-300:] if answer.verdict == "failed" else "", "seconds": round(seconds, 1)}
 
 
 def _spent() -> float:

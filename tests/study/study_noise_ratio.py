@@ -25,9 +25,9 @@ import numpy as np
 import pytest
 
 from drivetool.drive import one_body, two_mass
-from drivetool.identify.fit import by_innovations, coloured
+from drivetool.identify.fit import by_innovations, with_coloured_noise
 from drivetool.identify.greybox import default_free
-from drivetool.identify.noise import integrated, natural_ratio
+from drivetool.identify.noise import natural_ratio, restricted_likelihood
 from drivetool.identify.setup import Outcome, Task, reverses, roles_of
 from drivetool.logs import Experiment
 from tests.hidden.command import read
@@ -134,7 +134,7 @@ def one(case: Case) -> dict:
         judged = run_inside(Path(room), ["validate", "held.parquet", "--params", "fit.yaml", "--json"])
     answer, said = json.loads(fit.stdout), json.loads(judged.stdout)
     task = Task(drive, default_free(drive, [records.fitted]), roles_of([records.fitted], drive), (records.fitted,))
-    return {"behind": behind(coloured(by_innovations(task, [{}]))), "code": judged.returncode,
+    return {"behind": behind(with_coloured_noise(by_innovations(task, [{}]))), "code": judged.returncode,
             "noise": answer["noise"], "findings": [f["code"] for f in answer["findings"]],
             "said": [f["code"] for f in said["findings"]]}
 
@@ -172,8 +172,8 @@ def behind(outcome: Outcome) -> float:
     problem, point, found = outcome.problem, outcome.fit.point, outcome.fit.noise
     ratios = natural_ratio(problem, point) * 10.0**GRID
     ratios = ratios[np.abs(np.log10(ratios / found.ratio)) > np.diff(GRID)[0]]
-    least = min(integrated(problem, point, replace(found, ratio=r))[0] for r in ratios)
-    return integrated(problem, point, found)[0] - least
+    least = min(restricted_likelihood(problem, point, replace(found, ratio=r))[0] for r in ratios)
+    return restricted_likelihood(problem, point, found)[0] - least
 
 
 @pytest.mark.study

@@ -130,7 +130,7 @@ def killed(folder: Path, out: str, kills: int, seconds: float, seed: int) -> lis
 def outcome(rows: Sequence[dict], trends: dict, recorded: Sequence[Recorded], folder: Path) -> None:
     """Print what became of the recordings, and the alarms."""
     problem = {row["recording"]: row["problem"] for row in rows}
-    doubted = {row["recording"] for row in rows if "unit-doubted" in (row["findings"] or "")}
+    doubted = {row["recording"] for row in rows if "suspect-unit" in (row["findings"] or "")}
     outlying = {f["evidence"]["recording"] for f in trends["findings"] if f["code"] == "outlying-recording"}
     names = {r: r.path.relative_to(folder).as_posix() for r in recorded}
     good = [r for r in recorded if not r.wrong]
@@ -138,7 +138,7 @@ def outcome(rows: Sequence[dict], trends: dict, recorded: Sequence[Recorded], fo
           f"{sum(names[r] in outlying for r in good)} outlying")
     for r in recorded:
         if r.wrong:
-            told = (("unit-doubted", doubted), ("outlying", outlying))
+            told = (("suspect-unit", doubted), ("outlying", outlying))
             said = problem[names[r]] or " ".join(word for word, several in told if names[r] in several)
             print(f"  {r.wrong:9s} {names[r]}: {said or 'NOT NAMED'}")
     for f in trends["findings"]:

@@ -20,7 +20,7 @@ from tempfile import TemporaryDirectory
 import numpy as np
 import yaml
 
-from drivetool.check.faults import looked_at
+from drivetool.check.faults import torque_timing_findings
 from drivetool.identify.greybox import greybox
 from drivetool.identify.setup import Options
 from drivetool.logs.door import open_experiment
@@ -30,26 +30,27 @@ from tests.recover import drive_like, linear_record
 from tests.simulator.machine import machine_by_seed
 
 RIGS, FIRST = 40, 100
-SAID = {"torque-late", "torque-early", "torque-filtered", "input-delay"}
+SAID = {"torque-shifted", "torque-filtered", "input-delay"}
 WAYS = {"right": 0, "late": 1, "early": -1}
 NAMES = ["motor.inertia", "load.inertia", "shaft.stiffness", "shaft.damping", "total.viscous", "total.idle_torque"]
 
 
 def told(seed: int, way: str) -> set[str]:
-    """The codes about the cycle of the torque."""
+    """The codes about the cycle of the torque; late or early in the place of that of a shift."""
     machine = machine_by_seed(seed)
     record = linear_record(machine, seed)
     signals = {**record.signals, "motor_torque": np.roll(record.signals["motor_torque"], WAYS[way])}
     found = greybox([replace(record, signals=signals)], drive_like(machine, NAMES, 0.1), Options())
-    return {f.code for f in found.findings} & SAID
+    return {f.code if f.code != "torque-shifted" else "late" if f.evidence["shift"] < 0.0 else "early"
+            for f in found.findings if f.code in SAID}
 
 
 def main(rigs: int = RIGS, first: int = FIRST) -> None:
     """Print the table."""
     for way in WAYS:
         found = [told(seed, way) for seed in range(first, first + rigs)]
-        right = sum(f == {f"torque-{way}"} for f in found)
-        wrong = sum(bool(f - {f"torque-{way}"}) for f in found)
+        right = sum(f == {way} for f in found)
+        wrong = sum(bool(f - {way}) for f in found)
         print(f"{way:6s} told {right}, told wrongly {wrong} of {rigs}", flush=True)
 
 
@@ -84,7 +85,7 @@ def look(*seeds: int) -> None:
                 folder.mkdir()
                 labels.mkdir()
                 logs, _ = make_case(effect, seed, seed=seed, duration=6.0).write(folder, labels, visibility=False)
-                said = {f.code for f in looked_at(open_experiment(logs[0]))} & SAID
+                said = {f.code for f in torque_timing_findings(open_experiment(logs[0]))} & SAID
             if said:
                 print(f"{effect} in {seed}: {', '.join(sorted(said))}", flush=True)
 

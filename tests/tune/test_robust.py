@@ -1,4 +1,4 @@
-"""Uncertainty, published variations, infeasible limits and hunting of a tuned loop."""
+"""Uncertainty, published variations, infeasible limits and limit cycles of a tuned loop."""
 
 from __future__ import annotations
 
@@ -8,15 +8,15 @@ import pytest
 from drivetool.drive import resonances, two_mass
 from drivetool.errors import BadOption, BadParameters
 from drivetool.identify.estimate import Covariance
-from drivetool.tune.design import tune, wirings
+from drivetool.tune.design import tune, wirings_to_tune
 from drivetool.tune.gains import TuneOptions
 from drivetool.tune.optimisation.criteria import criterion, signals
 from drivetool.tune.optimisation.robust import robust_optimum
-from drivetool.tune.optimisation.scenarios import draw, joint, spread
-from drivetool.tune.optimisation.search import Limits, optimum, task
-from drivetool.tune.optimisation.variations import study
-from drivetool.tune.simulation.hunting import safe_gain, watch
-from drivetool.tune.simulation.nonlinear import closed_loop, moving, run
+from drivetool.tune.optimisation.scenarios import draw_drives, joint_covariance, spread_of_figures
+from drivetool.tune.optimisation.search import TuneLimits, optimum, tuning_problem
+from drivetool.tune.optimisation.variations import variation_study
+from drivetool.tune.simulation.limit_cycle import kick_responses, safe_gain
+from drivetool.tune.simulation.nonlinear import closed_loop, simulate_loop, steady_state
 from drivetool.tune.speed_loop.loop import Settings, Wiring, build
 from drivetool.tune.speed_loop.sensitivity import max_sensitivity, plant
 from tests.simulator import controllers, machine
@@ -24,7 +24,7 @@ from tests.simulator.simulate import simulate
 from tests.tallfors import MOTORS, tandem, two_mass_plant
 
 HEAVY = two_mass_plant("heavy")
-# Motor inertia and stiffness rise together, as they do where the resonance is what the record shows.
+# Motor inertia and stiffness rise together, as they do where the record identifies only the resonance.
 COVARIANCE = Covariance(("motor.inertia", "shaft.stiffness"), np.array([[1.0, 0.9e4], [0.9e4, 1e8]]))
 # Stable with the contact closed; with 0.09 to 0.77 of its stiffness it is not.
 CYCLING = two_mass().with_values({
@@ -36,18 +36,18 @@ FILTERED = Wiring(speed_filter=0.002)
 
 
 def test_draws_have_the_covariance_with_its_correlation():
-    draws = draw(HEAVY, COVARIANCE, 4000, 1)
+    draws = draw_drives(HEAVY, COVARIANCE, 4000, 1)
     values = np.array([[d.value(n) for n in COVARIANCE.names] for d in draws.drives])
     assert draws.unphysical == 0
     np.testing.assert_allclose(np.cov(values.T), COVARIANCE.matrix, rtol=0.07)
-    assert draw(HEAVY, COVARIANCE, 10, 1).drives == draw(HEAVY, COVARIANCE, 10, 1).drives
-    assert draw(HEAVY, COVARIANCE, 10, 1).drives != draw(HEAVY, COVARIANCE, 10, 2).drives
+    assert draw_drives(HEAVY, COVARIANCE, 10, 1).drives == draw_drives(HEAVY, COVARIANCE, 10, 1).drives
+    assert draw_drives(HEAVY, COVARIANCE, 10, 1).drives != draw_drives(HEAVY, COVARIANCE, 10, 2).drives
 
 
 @pytest.mark.slow
 def test_unphysical_draws_are_left_out_and_counted():
-    wide = joint(HEAVY, None, {"shaft.damping": 224.0})
-    draws = draw(HEAVY, wide, 2000, 1)
+    wide = joint_covariance(HEAVY, None, {"shaft.damping": 224.0})
+    draws = draw_drives(HEAVY, wide, 2000, 1)
     assert draws.unphysical / 2000 == pytest.approx(0.1587, abs=0.03)  # below minus one std
     assert len(draws.drives) + draws.unphysical == 2000
     gains = tune(HEAVY, TuneOptions(stds={"shaft.damping": 224.0}, draws=100))
@@ -58,27 +58,28 @@ def test_unphysical_draws_are_left_out_and_counted():
 @pytest.mark.slow
 def test_correlation_matters_and_is_kept():
     at = Settings(1968.0, 0.0554)
-    alone = Covariance(COVARIANCE.names, np.diag(np.diag(COVARIANCE.matrix)))
-    wide, narrow = (spread(draw(HEAVY, c, 150, 1), Wiring(), at, 2.0).samples["max_sensitivity"].std()
-                    for c in (alone, COVARIANCE))
+    uncorrelated = Covariance(COVARIANCE.names, np.diag(np.diag(COVARIANCE.matrix)))
+    wide, narrow = (spread_of_figures(draw_drives(HEAVY, c, 150, 1), Wiring(), at,
+                                      2.0).samples["max_sensitivity"].std()
+                    for c in (uncorrelated, COVARIANCE))
     assert narrow < 0.9 * wide
 
 
 @pytest.mark.parametrize("matrix", [[[1.0, 2e4], [2e4, 1e8]]])
 def test_a_covariance_that_is_none(matrix):
     with pytest.raises(BadParameters, match="negative variances"):
-        draw(HEAVY, Covariance(COVARIANCE.names, np.array(matrix)), 10, 1)
+        draw_drives(HEAVY, Covariance(COVARIANCE.names, np.array(matrix)), 10, 1)
 
 
 @pytest.mark.slow
 def test_confidence_holds_over_the_draws_and_costs_no_more_than_it_must():
-    draws = draw(HEAVY, COVARIANCE, 120, 1)
-    nominal = task(build(HEAVY, Wiring()), criterion("ISE"), Limits(2.0))
-    plain, robust = optimum(nominal), robust_optimum(nominal, draws, 0.9)
-    ms = np.sort(spread(draws, Wiring(), robust.settings, 2.0).samples["max_sensitivity"])
+    draws = draw_drives(HEAVY, COVARIANCE, 120, 1)
+    nominal = tuning_problem(build(HEAVY, Wiring()), criterion("ISE"), TuneLimits(2.0))
+    nominal_optimum, robust = optimum(nominal), robust_optimum(nominal, draws, 0.9)
+    ms = np.sort(spread_of_figures(draws, Wiring(), robust.settings, 2.0).samples["max_sensitivity"])
     assert ms[107] <= 2.0 + 1e-5 < ms[108]  # 90 % of 120 are 108 draws
-    assert plain.value < robust.value < 1.3 * plain.value
-    fresh = spread(draw(HEAVY, COVARIANCE, 400, 77), Wiring(), robust.settings, 2.0)
+    assert nominal_optimum.value < robust.value < 1.3 * nominal_optimum.value
+    fresh = spread_of_figures(draw_drives(HEAVY, COVARIANCE, 400, 77), Wiring(), robust.settings, 2.0)
     assert fresh.above_limit == pytest.approx(0.1, abs=0.06)
 
 
@@ -86,7 +87,7 @@ def test_published_study():
     """Stiffness and load inertia change Ms little, dead time and motor inertia much: Tallfors 2005, sec. 3.2."""
     for name, gain, ti in (("light", 1809, 0.02139), ("medium", 2669, 0.04478), ("heavy", 2606, 0.0559)):
         drive = two_mass_plant(name)
-        found = study(drive, Wiring(dead_time="zero"), Settings(gain, ti))
+        found = variation_study(drive, Wiring(dead_time="zero"), Settings(gain, ti))
         ms = {each.label: each.max_sensitivity for each in found}
         nominal = ms.pop("nominal")
         for label, value in ms.items():
@@ -101,20 +102,21 @@ def test_published_study():
 @pytest.mark.slow
 def test_infeasible_limits_name_the_nearest():
     with pytest.raises(BadOption, match=r"above 1; found 0.9"):
-        tune(HEAVY, TuneOptions(limits=Limits(0.9)))
-    with pytest.raises(BadOption, match="nearest that some keep") as raised:
-        tune(HEAVY, TuneOptions(limits=Limits(1.005)))
+        tune(HEAVY, TuneOptions(limits=TuneLimits(0.9)))
+    with pytest.raises(BadOption, match="lowest that can be kept") as raised:
+        tune(HEAVY, TuneOptions(limits=TuneLimits(1.005)))
     suggested = float(str(raised.value).split("--max-sensitivity ")[1].split()[0])
-    assert tune(HEAVY, TuneOptions(limits=Limits(suggested))).designs[0].margins.max_sensitivity <= suggested + 1e-6
+    assert tune(HEAVY,
+                TuneOptions(limits=TuneLimits(suggested))).designs[0].margins.max_sensitivity <= suggested + 1e-6
     with pytest.raises(BadOption, match="gain has to be at least") as raised:
-        tune(HEAVY, TuneOptions(limits=Limits(1.5, 0.05)))
+        tune(HEAVY, TuneOptions(limits=TuneLimits(1.5, 0.05)))
     least = float(str(raised.value).split("--max-gain to ")[1].split()[0])
-    assert tune(HEAVY, TuneOptions(limits=Limits(1.5, 1.05 * least))).designs[0].active == "gain"
+    assert tune(HEAVY, TuneOptions(limits=TuneLimits(1.5, 1.05 * least))).designs[0].active == "gain"
 
 
 @pytest.mark.slow
 def test_gain_limit_is_kept():
-    design = tune(HEAVY, TuneOptions(limits=Limits(2.0, 1000.0))).designs[0]
+    design = tune(HEAVY, TuneOptions(limits=TuneLimits(2.0, 1000.0))).designs[0]
     assert design.active == "gain" and design.settings.gain <= 1000.0 * (1 + 1e-9)
 
 
@@ -132,10 +134,10 @@ def test_what_does_not_fit_is_refused(options, words):
 def test_shaft_torque_feedback_needs_its_role():
     with pytest.raises(BadParameters, match="shaft_torque role"):
         tune(tandem("G1"), TuneOptions(configurations=("mimo",)))
-    found, notes = wirings(tandem("G1"), TuneOptions())
+    found, notes = wirings_to_tune(tandem("G1"), TuneOptions())
     assert [w.configuration for w in found] == ["siso", "miso"] and {w.motors for w in found} == {MOTORS}
-    assert [note.code for note in notes] == ["mimo-left-out"]
-    assert len(wirings(tandem("G1"), TuneOptions(shaft_torque=True))[0]) == 3
+    assert [note.code for note in notes] == ["shaft-feedback-not-evaluated"]
+    assert len(wirings_to_tune(tandem("G1"), TuneOptions(shaft_torque=True))[0]) == 3
 
 
 def test_closed_loop_around_the_whole_drive_is_the_linear_one_while_the_contact_holds():
@@ -146,7 +148,7 @@ def test_closed_loop_around_the_whole_drive_is_the_linear_one_while_the_contact_
     inputs = np.full((6000, 2), [10.0, 0.0])
     inputs[1000:, 1] = 1000.0
     system = closed_loop(loop, at, h, ("motor_speed", "load_speed"))
-    speeds, _ = run(system, inputs, moving(loop, at, 10.0), h)
+    speeds, _ = simulate_loop(system, inputs, steady_state(loop, at, 10.0), h)
     np.testing.assert_allclose(speeds[:1000], 10.0, atol=1e-10)
     found = signals(loop, at, ["motor_speed", "load_speed"])
     for k, modes in enumerate(found.values()):
@@ -154,38 +156,39 @@ def test_closed_loop_around_the_whole_drive_is_the_linear_one_while_the_contact_
 
 
 def test_hunting_is_found_where_the_describing_function_puts_it():
-    """At the greatest softened stiffness that is unstable, the swing is just held."""
+    """The cycle has the frequency at which the largest unstable effective stiffness oscillates."""
     loop = build(CYCLING, FILTERED)
     assert np.linalg.eigvals(loop.matrix(CYCLING_AT)).real.max() < 0.0
-    border = None
+    border_frequency = None
     for share in np.linspace(1.0, 0.05, 400):
         soft = CYCLING.with_values({
             f"shaft.{k}": share * CYCLING.value(f"shaft.{k}") for k in ("stiffness", "damping")})
         poles = np.linalg.eigvals(build(soft, FILTERED).matrix(CYCLING_AT))
         if poles.real.max() > 0.0:
-            border = abs(poles[np.argmax(poles.real)].imag) / (2 * np.pi)
+            border_frequency = abs(poles[np.argmax(poles.real)].imag) / (2 * np.pi)
             break
-    (found,) = watch(loop, CYCLING_AT)
-    assert found.cycle.hunts and found.cycle.frequency == pytest.approx(border, rel=0.03)
+    (found,) = kick_responses(loop, CYCLING_AT)
+    assert found.cycle.hunts and found.cycle.frequency == pytest.approx(border_frequency, rel=0.03)
 
 
 @pytest.mark.slow
 def test_hunting_against_the_independent_simulator():
-    (found,) = watch(build(CYCLING, FILTERED), CYCLING_AT)
+    (found,) = kick_responses(build(CYCLING, FILTERED), CYCLING_AT)
     # A discrete controller without the filter, whose lag is put into the dead time instead.
     plain = build(CYCLING.with_values({"converter.dead_time": 0.0064}), Wiring())
-    (mine,) = watch(plain, CYCLING_AT)
+    (unfiltered,) = kick_responses(plain, CYCLING_AT)
     h = 2e-4
     m = machine.Machine(inertia=(1.0, 3.67), viscous=(1e-3, 4e-3), stiffness=(206e3,), damping=(5.6,),
                         half_gap=(0.002,), converter_bandwidth=433.0, dead_time=0.0064 - h / 2)
     n = 6000
     pi = controllers.SpeedPI(np.zeros(n), CYCLING_AT.gain, CYCLING_AT.gain / CYCLING_AT.integral_time, h)
-    start = machine.State((0.0, mine.cycle.kick), (0.0,), 0.0, 0.0, 0.0)
+    start = machine.State((0.0, unfiltered.cycle.kick), (0.0,), 0.0, 0.0, 0.0)
     speed = simulate(m, np.zeros(n), h, start, pi, rtol=1e-7, atol=1e-10).speeds[n // 2:, 0]
-    up = np.flatnonzero((speed[:-1] < 0) & (speed[1:] >= 0))
-    assert mine.cycle.hunts and found.cycle.hunts
-    assert np.ptp(speed) / 2 == pytest.approx(mine.cycle.amplitude, rel=0.03)
-    assert (len(up) - 1) / ((up[-1] - up[0]) * h) == pytest.approx(mine.cycle.frequency, rel=0.01)
+    upward_crossings = np.flatnonzero((speed[:-1] < 0) & (speed[1:] >= 0))
+    assert unfiltered.cycle.hunts and found.cycle.hunts
+    assert np.ptp(speed) / 2 == pytest.approx(unfiltered.cycle.amplitude, rel=0.03)
+    assert (len(upward_crossings) - 1) / ((upward_crossings[-1] - upward_crossings[0]) * h) == pytest.approx(
+        unfiltered.cycle.frequency, rel=0.01)
 
 
 @pytest.mark.slow
@@ -195,16 +198,17 @@ def test_below_the_safe_gain_nothing_hunts():
     assert 0.0 < safe < CYCLING_AT.gain
     at = Settings(0.95 * safe, CYCLING_AT.integral_time * CYCLING_AT.gain / safe)
     if safe_gain(loop, at) is None:
-        assert not any(each.cycle.hunts for each in watch(loop, at))
-    assert not any(each.cycle.hunts for each in watch(build(HEAVY.with_values({"shaft.half_gap": 0.01}), Wiring()),
-                                                      Settings(1968.0, 0.0554)))
+        assert not any(each.cycle.hunts for each in kick_responses(loop, at))
+    assert not any(each.cycle.hunts
+                   for each in kick_responses(build(HEAVY.with_values({"shaft.half_gap": 0.01}), Wiring()),
+                                              Settings(1968.0, 0.0554)))
 
 
 @pytest.mark.slow
 def test_hunting_is_told():
     gains = tune(CYCLING, TuneOptions(speed_filter=0.002))
-    told = [f for f in gains.findings if f.code == "loop-hunts"]
-    assert told and told[0].severity == "warning"
-    assert told[0].evidence["frequency_hz"] > 10.0 and told[0].evidence["amplitude"] > 0.0
+    limit_cycles = [f for f in gains.findings if f.code == "limit-cycle"]
+    assert limit_cycles and limit_cycles[0].severity == "warning"
+    assert limit_cycles[0].evidence["frequency_hz"] > 10.0 and limit_cycles[0].evidence["amplitude"] > 0.0
     design = gains.designs[0]
     assert max_sensitivity(plant(CYCLING, design.wiring), design.settings)[0] <= 2.0 + 1e-6

@@ -1,6 +1,6 @@
-"""The catalogue of what a diagnosis looks for, one file per cause.
+"""The catalogue of causes of a diagnosis, one file per cause.
 
-A cause takes a fitted base and gives starts, bounds and reasons. What fits it is handed in by the search.
+A cause takes a fitted base and gives starts, bounds and reasons. The search passes in the functions that fit it.
 """
 
 import lazy_loader

@@ -1,9 +1,9 @@
 from .catalogue import (
     CAUSES as CAUSES,
-    DECIDES as DECIDES,
+    DECISIVE_EXPERIMENTS as DECISIVE_EXPERIMENTS,
     FITTED as FITTED,
     chosen_causes as chosen_causes,
     mistaken_for as mistaken_for,
-    told_sizes as told_sizes,
+    size_parameters as size_parameters,
 )
 from .cause import Cause as Cause

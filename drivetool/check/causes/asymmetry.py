@@ -5,7 +5,7 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 from drivetool.check.causes.cause import Cause
-from drivetool.check.starts import Bounds, Start, largest_torque, motion, on_any_body
+from drivetool.check.starts import Bounds, Start, largest_torque, speed_and_duration, starts_on_any_body
 
 if TYPE_CHECKING:
     from drivetool.check.fit import Model
@@ -13,16 +13,16 @@ if TYPE_CHECKING:
 
 
 def _starts(base: Model) -> list[Start]:
-    return on_any_body(base, "viscous_asymmetry")
+    return starts_on_any_body(base, "viscous_asymmetry")
 
 
 def _bounds(base: Model, task: Task) -> Bounds:
-    """At most all that the motor gives, at the fastest motion."""
+    """At most the largest motor torque at the largest speed."""
     found = {}
     for name in (n for n in task.free if n.endswith(".viscous_asymmetry")):
         body = name.rpartition(".")[0]
-        most = largest_torque(base, body) / motion(base, body)[0]
-        found[name] = (-most, most)
+        limit = largest_torque(base, body) / speed_and_duration(base, body)[0]
+        found[name] = (-limit, limit)
     return found
 
 

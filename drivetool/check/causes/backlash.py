@@ -7,14 +7,15 @@ from dataclasses import replace
 from typing import TYPE_CHECKING
 
 from drivetool.check.causes.cause import Cause
-from drivetool.check.starts import Start, added, new_values, present, torque_size, travel, turns
+from drivetool.check.starts import Start, gear_ratio, is_present, new_values, start_with, torque_size, travel
 
 if TYPE_CHECKING:
     from drivetool.check.fit import Masks, Model
 
-PARTS = (0.25, 0.5, 0.75)  # of the twist of a shaft without a gap, that may be a gap
-AMPLITUDE = 1.4  # of a torque over its spread
-HARDLY = 0.01  # of the twist that the torque makes: a gap of which there is hardly any
+# Of the twist of a shaft without a gap, as starts; a choice: small, half and large.
+GAP_SHARES_OF_TWIST = (0.25, 0.5, 0.75)
+PEAK_TO_STD = 1.4  # of a sinusoidal torque: the square root of two
+TRACE_GAP_SHARE = 0.01  # of the twist by the torque. A choice: small against any gap of interest
 
 
 def _starts(base: Model) -> list[Start]:
@@ -23,46 +24,48 @@ def _starts(base: Model) -> list[Start]:
     found = []
     for shaft in base.task.drive.shafts:
         name = f"{shaft}.half_gap"
-        if not present(base, name):
-            found += [added(base, {name: value}, ()) for value in half_gaps(base, name, torque_size(base, shaft))]
+        if not is_present(base, name):
+            found += [start_with(base, {name: value}, ())
+                      for value in half_gaps(base, name, torque_size(base, shaft))]
     return found
 
 
-def _of_travel(base: Model) -> list[Start]:
-    """Half gaps that are a part of the twist that the torque makes, the shaft stiffer by what they take of it."""
+def _starts_imposed(base: Model) -> list[Start]:
+    """Half gaps as a share of the twist by the torque, with the shaft stiffness raised to keep the total twist."""
     found = []
     for shaft in base.task.drive.shafts:
         name, stiffness = f"{shaft}.half_gap", f"{shaft}.stiffness"
-        if present(base, name):
+        if is_present(base, name):
             continue
         soft = base.fitted.drive.values[stiffness]
-        twist = AMPLITUDE * torque_size(base, shaft) / soft
-        found += [added(base, {name: part * twist, stiffness: soft / (1.0 - part)}, ()) for part in PARTS]
+        twist = PEAK_TO_STD * torque_size(base, shaft) / soft
+        found += [start_with(base, {name: part * twist, stiffness: soft / (1.0 - part)}, ())
+                  for part in GAP_SHARES_OF_TWIST]
     return found
 
 
-def _uncrossed(model: Model, base: Model) -> str:
-    """Whether the gap is wider than the way of the motion: then nothing is behind it at all."""
-    wide = any(2.0 * v > travel(base) / turns(base, n.partition(".")[0])
+def _wider_than_travel(model: Model, base: Model) -> str:
+    """Whether the gap is wider than the travel: then the shaft never transmits torque."""
+    wide = any(2.0 * v > travel(base) / gear_ratio(base, n.partition(".")[0])
                for n, v in new_values(model, base, ".half_gap"))
     return "no motion of the record would cross the gap" if wide else ""
 
 
-def _hardly_open(base: Model) -> Start:
+def _trace(base: Model) -> Start:
     shaft = base.task.drive.shafts[0]
     twist = torque_size(base, shaft) / base.fitted.drive.value(f"{shaft}.stiffness")
-    return added(base, {f"{shaft}.half_gap": HARDLY * twist}, ())
+    return start_with(base, {f"{shaft}.half_gap": TRACE_GAP_SHARE * twist}, ())
 
 
 def _ends(base: Model, masks: Masks) -> Sequence[Model]:
-    from drivetool.check.starts import rattles
+    from drivetool.check.starts import backlash_fits
 
-    return [replace(m, code="backlash") for m in rattles(base, masks)]
+    return [replace(m, code="backlash") for m in backlash_fits(base, masks)]
 
 
 CAUSES = (Cause(
     "backlash", "backlash",
     "There is play in the drive train: whenever the shaft torque changes its sign, the shaft turns through a gap "
     "without carrying torque and then hits the other side.",
-    "Look for worn couplings, gear teeth, splines and keys.", "backlash", starts=_starts, imposed=_of_travel,
-    sizes=("half_gap",), bodies=2, implausible=_uncrossed, trace=_hardly_open, rough=True, ends=_ends),)
+    "Look for worn couplings, gear teeth, splines and keys.", "backlash", starts=_starts, imposed=_starts_imposed,
+    sizes=("half_gap",), bodies=2, implausible=_wider_than_travel, trace=_trace, multimodal=True, ends=_ends),)

@@ -1,4 +1,4 @@
-"""The catalogue of what diagnose looks for: every file of this folder that has causes."""
+"""The catalogue of causes of diagnose: every file of this folder that has causes."""
 
 from __future__ import annotations
 
@@ -22,39 +22,39 @@ _files = (import_module(f"{_FOLDER}.{found.name}") for found in iter_modules([st
 CAUSES: Mapping[str, Cause] = MappingProxyType({
     cause.code: cause for file in _files for cause in getattr(file, "CAUSES", ())})
 FITTED = tuple(cause for cause in CAUSES.values() if not cause.of_record)
-# What decides between two causes, in either order.
-DECIDES: Mapping[frozenset[str], str] = MappingProxyType({
+# The experiment that decides between two causes, in either order.
+DECISIVE_EXPERIMENTS: Mapping[frozenset[str], str] = MappingProxyType({
     frozenset((cause.code, other)): text for cause in CAUSES.values() for other, text in cause.alike.items()})
 
 
 def chosen_causes(codes: Iterable[str], drive: Drive) -> tuple[str, ...]:
-    """The codes as they were asked for, each once; empty stays empty: all of them.
+    """The codes as requested, each once; empty stays empty: all of them.
 
     drive   that may lack the shaft some of them need
-    raises  BadOption: a code nobody knows, or none that this drive can have
+    raises  BadOption: an unknown code, or none that this drive can have
     """
     found = tuple(dict.fromkeys(codes))
     for code in found:
         if code not in CAUSES:
             raise BadOption("causes of the catalogue after --candidates", f"'{code}'",
                             f"{nearest(code, CAUSES)} See drivetool effects.")
-    left = tuple(code for code in found if CAUSES[code].bodies <= len(drive.bodies))
-    if found and not left:
+    possible = tuple(code for code in found if CAUSES[code].bodies <= len(drive.bodies))
+    if found and not possible:
         raise BadOption(
             "at least one cause to look for", f"{', '.join(found)}, which the {drive.name} drive cannot have",
             "Name others after --candidates, or leave it out to look for all of them.",
             [code for code, cause in CAUSES.items() if cause.bodies <= len(drive.bodies)])
-    return left
+    return possible
 
 
-def told_sizes(code: str, parameters: Sequence[Parameter]) -> tuple[Parameter, ...]:
-    """Those of the fitted parameters that say how large a cause is; all where it is not known which."""
+def size_parameters(code: str, parameters: Sequence[Parameter]) -> tuple[Parameter, ...]:
+    """The fitted parameters that give the size of a cause; all for a code outside the catalogue."""
     cause = CAUSES.get(code)
-    told = [p for size in cause.sizes for p in parameters
+    sizes = [p for size in cause.sizes for p in parameters
             if p.name.endswith(f".{size}") and cause.has(p.name)] if cause else []
-    return tuple(told or parameters)
+    return tuple(sizes or parameters)
 
 
 def mistaken_for(codes: Iterable[str]) -> set[str]:
-    """Causes that are known to look like one of these."""
-    return {other for pair in DECIDES for other in pair if pair & set(codes)}
+    """Causes that are known look-alikes of one of these."""
+    return {other for pair in DECISIVE_EXPERIMENTS for other in pair if pair & set(codes)}

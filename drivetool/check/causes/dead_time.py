@@ -5,7 +5,14 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 from drivetool.check.causes.cause import Cause
-from drivetool.check.starts import LATE, Start, added, hardly_late, likeliest, present
+from drivetool.check.starts import (
+    DELAY_STARTS_IN_SAMPLES,
+    Start,
+    is_present,
+    likeliest_start,
+    shortest_delay,
+    start_with,
+)
 
 if TYPE_CHECKING:
     from drivetool.check.fit import Model
@@ -15,17 +22,18 @@ NAME = "converter.dead_time"
 
 def _starts(base: Model) -> list[Start]:
     step = base.problem.traces[0].step
-    return [] if present(base, NAME) else likeliest(base, [added(base, {NAME: n * step}, ()) for n in LATE])
+    return [] if is_present(base, NAME) else likeliest_start(base, [start_with(base, {NAME: n * step}, ())
+                                                                    for n in DELAY_STARTS_IN_SAMPLES])
 
 
 def _trace(base: Model) -> Start:
-    return hardly_late(base, NAME)
+    return shortest_delay(base, NAME)
 
 
-FAST = "Excite above a third of the sampling rate (steps, PRBS), or log faster."
+HIGH_FREQUENCY_EXCITATION = "Excite above a third of the sampling rate (steps, PRBS), or log faster."
 CAUSES = (Cause(
     "dead-time", "dead time of the torque", "The torque comes later than the logged command by a fixed time.",
     "Look at bus cycles, and whether command and speed are logged with the same clock.", "dead-time",
     starts=_starts, sizes=("dead_time",), trace=_trace,
-    alike={"converter-lag": FAST,
+    alike={"converter-lag": HIGH_FREQUENCY_EXCITATION,
            "speed-filter": "Log the motor angle too; excite above a third of the sampling rate."}),)

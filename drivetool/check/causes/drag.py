@@ -5,14 +5,14 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 from drivetool.check.causes.cause import Cause
-from drivetool.check.starts import Start, on_any_body
+from drivetool.check.starts import Start, starts_on_any_body
 
 if TYPE_CHECKING:
     from drivetool.check.fit import Model
 
 
 def _starts(base: Model) -> list[Start]:
-    return on_any_body(base, "drag")
+    return starts_on_any_body(base, "drag")
 
 
 CAUSES = (Cause(

@@ -5,53 +5,63 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 from drivetool.check.causes.cause import Cause
-from drivetool.check.starts import Bounds, Start, added, motion, outer_bodies, present, torque_size
+from drivetool.check.starts import (
+    Bounds,
+    Start,
+    is_present,
+    outer_bodies,
+    speed_and_duration,
+    start_with,
+    torque_size,
+)
 
 if TYPE_CHECKING:
     from drivetool.check.fit import Model
     from drivetool.identify.setup import Task
 
-SMALL = 1e-6  # of the torque's spread, to start from
-WARM = (0.15, 0.4, 1.0)  # time constants to start from, over the length of the record
-# The same: what takes longer is a constant by another name, what takes less a start.
-QUICKEST, SLOWEST = 0.05, 3.0
-TIME = ".drift_time"
+# Of the torque's standard deviation, as a start: small enough for a linear step.
+NEGLIGIBLE_FRICTION_SHARE = 1e-6
+TIME_CONSTANT_STARTS = (0.15, 0.4, 1.0)  # over the length of the record, as starts (a choice within the bounds)
+# Over the length of the record: a longer drift is a constant, a shorter one is the initial transient.
+MIN_TIME_CONSTANT, MAX_TIME_CONSTANT = 0.05, 3.0
+TIME_SUFFIX = ".drift_time"
 
 
 def _starts(base: Model) -> list[Start]:
-    """Of the motor's friction, or of all alike; with a sensor behind the shaft also of both ends by themselves."""
+    """Of the motor's friction, or of all by one factor; with a sensor behind the shaft also of each end."""
     drive, size, found = base.task.drive, torque_size(base), []
-    dry = any(n.endswith(".coulomb") and present(base, n) for n in drive.quantities)
+    dry = any(n.endswith(".coulomb") and is_present(base, n) for n in drive.quantities)
     owners = (*drive.bodies, "friction")
-    if any(present(base, f"{owner}.drift_{kind}") for owner in owners for kind in ("viscous", "coulomb")):
+    if any(is_present(base, f"{owner}.drift_{kind}") for owner in owners for kind in ("viscous", "coulomb")):
         return []
-    apart = any(not role.startswith("motor") for role in base.task.roles.outputs)
-    for bodies in [drive.bodies[:1], *([outer_bodies(base)] if apart and len(drive.bodies) > 1 else [])]:
+    separable = any(not role.startswith("motor") for role in base.task.roles.outputs)
+    for bodies in [drive.bodies[:1], *([outer_bodies(base)] if separable and len(drive.bodies) > 1 else [])]:
         names = [f"{body}.drift_viscous" for body in bodies] + [
             f"{body}.drift_coulomb" for body in bodies
-            if (dry and body == drive.bodies[0]) or present(base, f"{body}.coulomb")]
-        for share in WARM:
-            values = {n: (SMALL * size if n.endswith("coulomb") else 0.0) for n in names}
-            times = {f"{body}{TIME}": share * motion(base)[1] for body in bodies}
-            found.append(added(base, {**values, **times}, names))
+            if (dry and body == drive.bodies[0]) or is_present(base, f"{body}.coulomb")]
+        for share in TIME_CONSTANT_STARTS:
+            values = {n: (NEGLIGIBLE_FRICTION_SHARE * size if n.endswith("coulomb") else 0.0) for n in names}
+            times = {f"{body}{TIME_SUFFIX}": share * speed_and_duration(base)[1] for body in bodies}
+            found.append(start_with(base, {**values, **times}, names))
     if len(drive.bodies) > 1:
         names = ["friction.drift_viscous", *["friction.drift_coulomb"] * dry]
-        for share in WARM:
-            time = share * motion(base)[1]
-            found.append(added(base, {**dict.fromkeys(names, 0.0), f"friction{TIME}": time}, names))
+        for share in TIME_CONSTANT_STARTS:
+            time = share * speed_and_duration(base)[1]
+            found.append(start_with(base, {**dict.fromkeys(names, 0.0), f"friction{TIME_SUFFIX}": time}, names))
     return found
 
 
 def _bounds(base: Model, task: Task) -> Bounds:
-    low, high = (share * motion(base)[1] for share in (QUICKEST, SLOWEST))
-    return {n: (low, high) for n in task.free if n.endswith(TIME)}
+    low, high = (share * speed_and_duration(base)[1] for share in (MIN_TIME_CONSTANT, MAX_TIME_CONSTANT))
+    return {n: (low, high) for n in task.free if n.endswith(TIME_SUFFIX)}
 
 
-def _endless(model: Model, _: Model) -> str:
+def _time_constant_at_bound(model: Model, _: Model) -> str:
     """Whether a time constant lies on a bound."""
     values = zip(model.task.free, model.point.values, model.problem.low, model.problem.high, strict=True)
-    at_bound = any(n.endswith(TIME) and not 1.01 * low < value < 0.99 * high for n, value, low, high in values)
-    return "it would take longer than the record to show, or no time" if at_bound else ""
+    at_bound = any(n.endswith(TIME_SUFFIX) and not 1.01 * low < value < 0.99 * high
+                   for n, value, low, high in values)
+    return "its time constant would be too long or too short for the record" if at_bound else ""
 
 
 CAUSES = (Cause(
@@ -59,6 +69,6 @@ CAUSES = (Cause(
     "Friction was higher at the start of the record and fell as the drive warmed up.",
     "Warm up first, or record until nothing changes.", "friction-drift", starts=_starts, imposed=_starts,
     sizes=("drift_coulomb", "drift_viscous", "drift_time"), further=("warm-up",), bounds=_bounds,
-    implausible=_endless, located=(TIME,), searched=(TIME,), event=True,
+    implausible=_time_constant_at_bound, located=(TIME_SUFFIX,), searched=(TIME_SUFFIX,), event=True,
     alike={"load-step": "Repeat the record warm: a drift is gone, a load step is not where it was.",
            "quadratic-drag": "Repeat the record warm and at several speeds."}),)

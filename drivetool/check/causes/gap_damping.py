@@ -5,22 +5,22 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 from drivetool.check.causes.cause import Cause
-from drivetool.check.starts import Start, added, present
+from drivetool.check.starts import Start, is_present, start_with
 
 if TYPE_CHECKING:
     from drivetool.check.fit import Model
 
 
 def _starts(base: Model) -> list[Start]:
-    """Beside the damping of the contact, and in the place of it."""
+    """In addition to the damping of the contact, and instead of it."""
     found = []
     for shaft in base.task.drive.shafts:
         name, own = f"{shaft}.gap_damping", f"{shaft}.damping"
-        if not present(base, f"{shaft}.half_gap") or present(base, name):
+        if not is_present(base, f"{shaft}.half_gap") or is_present(base, name):
             continue
         damping = base.fitted.drive.value(own) or 0.0
-        found += [added(base, {name: 0.0}, (name,)),
-                  added(base, {name: damping, own: 0.0}, (), held=() if own in base.task.free else (own,))]
+        found += [start_with(base, {name: 0.0}, (name,)),
+                  start_with(base, {name: damping, own: 0.0}, (), fixed=() if own in base.task.free else (own,))]
     return found
 
 

@@ -5,24 +5,24 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 from drivetool.check.causes.cause import Cause
-from drivetool.check.starts import Start, added, present, torque_size
+from drivetool.check.starts import Start, is_present, start_with, torque_size
 
 if TYPE_CHECKING:
     from drivetool.check.fit import Model
 
-POWERS = (2.0, 1.0)  # of the twist, to start from
+HARDENING_POWER_STARTS = (2.0, 1.0)  # of the twist, as starts: quadratic and linear
 
 
 def _starts(base: Model) -> list[Start]:
     found, drive = [], base.fitted.drive
     for shaft in drive.shafts:
-        if present(base, f"{shaft}.hardening"):
+        if is_present(base, f"{shaft}.hardening"):
             continue
         twist = 2.0 * torque_size(base, shaft) / drive.value(f"{shaft}.stiffness")
-        for power in POWERS:
+        for power in HARDENING_POWER_STARTS:
             name = f"{shaft}.hardening"
             values = {name: 0.0, f"{name}_twist": twist, f"{name}_power": power}
-            found.append(added(base, values, (name,), held=(f"{name}_twist",)))
+            found.append(start_with(base, values, (name,), fixed=(f"{name}_twist",)))
     return found
 
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 from drivetool.check.causes.cause import Cause
-from drivetool.check.starts import Start, added, present
+from drivetool.check.starts import Start, is_present, start_with
 
 if TYPE_CHECKING:
     from drivetool.check.fit import Model
@@ -14,9 +14,9 @@ if TYPE_CHECKING:
 def _starts(base: Model) -> list[Start]:
     body = base.task.drive.bodies[-1]
     names = [f"{body}.imbalance_sine", f"{body}.imbalance_cosine"]
-    if any(present(base, n) for n in names) or base.task.drive.motion_unit != "rad":
+    if any(is_present(base, n) for n in names) or base.task.drive.motion_unit != "rad":
         return []
-    return [added(base, dict.fromkeys(names, 0.0), names)]
+    return [start_with(base, dict.fromkeys(names, 0.0), names)]
 
 
 CAUSES = (Cause(

@@ -5,7 +5,7 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 from drivetool.check.causes.cause import Cause
-from drivetool.check.starts import Start, added, present
+from drivetool.check.starts import Start, is_present, start_with
 
 if TYPE_CHECKING:
     from drivetool.check.fit import Model
@@ -13,7 +13,7 @@ if TYPE_CHECKING:
 
 def _starts(base: Model) -> list[Start]:
     names = [f"{s}.load_damping" for s in base.task.drive.shafts]
-    return [added(base, {n: 0.0}, (n,)) for n in names if not present(base, n)]
+    return [start_with(base, {n: 0.0}, (n,)) for n in names if not is_present(base, n)]
 
 
 CAUSES = (Cause(

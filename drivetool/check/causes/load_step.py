@@ -7,90 +7,95 @@ from dataclasses import replace
 from typing import TYPE_CHECKING
 
 from drivetool.check.causes.cause import Cause
-from drivetool.check.starts import Start, added, present
-from drivetool.drive.effects import RECORDS, STEPS, TIMES, TORQUES
+from drivetool.check.starts import Start, is_present, start_with
+from drivetool.drive.effects import STEP_NAMES, STEP_RECORDS, STEP_TIMES, STEP_TORQUES
 
 if TYPE_CHECKING:
     from drivetool.check.fit import Masks, Model
 
-ENOUGH = 15.0  # log likelihood that a further step must bring
-AMONG = 5.0  # standard deviations that it must have: chance makes four and a half at the best of so many instants
+# Log likelihood that a further step must gain. A choice: above the best of thousands of instants by chance.
+MIN_FURTHER_STEP_GAIN = 15.0
+# Standard deviations of a further step: the best of that many instants reaches four and a half by chance.
+FURTHER_STEP_STDS = 5.0
 
 
 def with_steps(base: Model, instants: Sequence[tuple[float, int]]) -> Start:
     """The base with loads that set in at these instants, in that record alone if its number is not zero."""
     body, values = base.task.drive.bodies[-1], {}
-    unused = [step for step in STEPS if not present(base, f"{body}.{step}_torque")]
+    unused = [step for step in STEP_NAMES if not is_present(base, f"{body}.{step}_torque")]
     for step, (time, record) in zip(unused, instants, strict=False):
         values |= {f"{body}.{step}_torque": 0.0, f"{body}.{step}_time": time}
         values |= {f"{body}.{step}_record": float(record)} if record else {}
-    return added(base, values, [n for n in values if n.endswith(TORQUES)],
-                 [n for n in values if n.endswith(RECORDS)])
+    return start_with(base, values, [n for n in values if n.endswith(STEP_TORQUES)],
+                 [n for n in values if n.endswith(STEP_RECORDS)])
 
 
 def _starts(base: Model) -> list[Start]:
     from drivetool.check.starts import load_steps
 
-    if present(base, f"{base.task.drive.bodies[-1]}.step_torque"):
+    if is_present(base, f"{base.task.drive.bodies[-1]}.step_torque"):
         return []
     return [with_steps(base, instants) for instants in load_steps(base)]
 
 
-def _at_an_end(model: Model, _: Model) -> str:
-    """Whether it sets in so near to an end of every stretch that nothing tells it from a sample gone wrong."""
-    from drivetool.check.starts import EARLY
+def _near_record_end(model: Model, _: Model) -> str:
+    """Whether it sets in so near to an end of every segment that it cannot be separated from a wrong sample."""
+    from drivetool.check.starts import MIN_STEP_DISTANCE
 
-    times = [v for n, v in zip(model.task.free, model.point.values, strict=True) if n.endswith(TIMES)]
-    inside = all(any(t.origin + EARLY <= time <= t.origin + t.size * t.step - EARLY for t in model.problem.traces)
+    times = [v for n, v in zip(model.task.free, model.point.values, strict=True) if n.endswith(STEP_TIMES)]
+    inside = all(any(t.origin + MIN_STEP_DISTANCE <= time <= t.origin + t.size * t.step - MIN_STEP_DISTANCE
+                     for t in model.problem.traces)
                  for time in times)
     return "" if inside else "it would set in where the record begins or ends"
 
 
-def _without_trifles(model: Model, base: Model, masks: Masks, _: Callable) -> Model:
-    """The model without the steps that are not to be told from zero, as long as one is left; numbered in order.
+def _without_insignificant_steps(model: Model, base: Model, masks: Masks, _: Callable) -> Model:
+    """The model without insignificant steps, as long as one is left; numbered in order.
 
-    Beside the largest each must stand out from what chance makes at the best of many instants.
+    All but the largest must exceed the chance level of the best of many instants.
     """
-    from drivetool.check.fit import TOLD, values_of, without_them
+    from drivetool.check.fit import SIZE_SIGNIFICANCE, added_parameters, refit_without
 
-    sizes = {p.name: abs(p.value / p.std) for p in values_of(model, base) if p.std and p.name.endswith(TORQUES)}
+    sizes = {p.name: abs(p.value / p.std) for p in added_parameters(model, base) if p.std
+             and p.name.endswith(STEP_TORQUES)}
     largest = max(sizes, key=lambda n: sizes[n], default=None)
-    small = [n.removesuffix("_torque") for n, size in sizes.items() if size < (TOLD if n == largest else AMONG)]
+    small = [n.removesuffix("_torque") for n, size in sizes.items()
+             if size < (SIZE_SIGNIFICANCE if n == largest else FURTHER_STEP_STDS)]
     if small and len(small) < len(sizes):
         names = [n for n in model.task.drive.values if n.rpartition("_")[0] in small]
-        model = without_them(model, names, base.task.drive, masks)
+        model = refit_without(model, names, base.task.drive, masks)
     return _in_order(model)
 
 
-def _with_another(model: Model, masks: Masks, most_promising: Callable) -> Model | None:
-    """The model with a load that sets in at one instant more, None where no instant asks for that.
+def _with_further_step(model: Model, masks: Masks, best_start: Callable) -> Model | None:
+    """The model with one more load step, None where no instant gains enough.
 
-    Beside a base that takes them all for noise of the torque only the largest is seen: under the noise that is left
-    once it is known the others are.
+    A base that takes all steps for torque noise shows only the largest one; under the smaller noise of the model
+    with it the others become significant.
     """
-    from drivetool.check.fit import BROKEN, fit
+    from drivetool.check.fit import FIT_ERRORS, fit
     from drivetool.check.starts import load_steps
 
-    if sum(n.endswith(TORQUES) for n in model.task.free) == len(STEPS):
+    if sum(n.endswith(STEP_TORQUES) for n in model.task.free) == len(STEP_NAMES):
         return None
     try:
         starts = [with_steps(model, instants) for instants in load_steps(model) if len(instants) == 1]
-        best = most_promising(model, CAUSES[0], starts, masks)
-        more = None if best is None or best.promise < ENOUGH else fit(best.ready(masks), masks)
-    except BROKEN:  # what was found before that stands
+        best = best_start(model, CAUSES[0], starts, masks)
+        more = None if best is None or best.expected_gain < MIN_FURTHER_STEP_GAIN else fit(best.ready(masks), masks)
+    except FIT_ERRORS:  # the result without a further step stays
         return None
-    return None if more is None or more.value > model.value - ENOUGH else _in_order(more)
+    return None if more is None or more.value > model.value - MIN_FURTHER_STEP_GAIN else _in_order(more)
 
 
 def _in_order(model: Model) -> Model:
-    """The model with its steps numbered as they come."""
-    from drivetool.check.fit import carried
+    """The model with its steps numbered in order of time."""
+    from drivetool.check.fit import transferred_point
     from drivetool.identify.setup import problem_of
 
     task = model.fitted
-    times = {n: v for n, v in task.drive.values.items() if n.endswith(TIMES) and n in task.free}
+    times = {n: v for n, v in task.drive.values.items() if n.endswith(STEP_TIMES) and n in task.free}
     olds = [n.removesuffix("_time") for n in sorted(times, key=lambda n: times[n])]
-    news = {old: f"{old.partition('.')[0]}.{step}" for old, step in zip(olds, STEPS, strict=False)}
+    news = {old: f"{old.partition('.')[0]}.{step}" for old, step in zip(olds, STEP_NAMES, strict=False)}
     if all(old == new for old, new in news.items()):
         return model
 
@@ -102,13 +107,14 @@ def _in_order(model: Model) -> Model:
     free = {renamed(n) for n in task.free}
     task = replace(task, drive=drive, free=tuple(n for n in drive.quantities if n in free))
     problem = problem_of(drive, task.free, task.roles, model.problem.traces)
-    return replace(model, task=task, problem=problem, point=carried(model, task, problem))
+    return replace(model, task=task, problem=problem, point=transferred_point(model, task, problem))
 
 
 CAUSES = (Cause(
     "load-step", "a load that set in or ended during the record",
     "At one instant of the record, or at several, a load torque set in or ended.",
     "Ask what happened at that time, or leave that part out.", "load-step", starts=_starts,
-    sizes=tuple(name[1:] for pair in zip(TORQUES, TIMES, strict=True) for name in pair), implausible=_at_an_end,
-    place=".step_time", located=TIMES, searched=TIMES, event=True, refined=_without_trifles, another=_with_another,
+    sizes=tuple(name[1:] for pair in zip(STEP_TORQUES, STEP_TIMES, strict=True) for name in pair),
+    implausible=_near_record_end, place=".step_time", located=STEP_TIMES, searched=STEP_TIMES, event=True,
+    refined=_without_insignificant_steps, another=_with_further_step,
     alike={"quadratic-drag": "Repeat the record at several speeds."}),)

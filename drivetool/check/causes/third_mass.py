@@ -15,48 +15,53 @@ if TYPE_CHECKING:
     from drivetool.check.outcome import State
     from drivetool.identify.setup import Task
 
-QUIETER = 0.1  # torque noise under which a third mass is also looked for, over the base's
-HIDING = 20.0  # log likelihood that so quiet a noise must cost, for a louder one to hide anything
-FAR = 10.0  # by which inertia, stiffness and damping may leave their start
-LIGHTEST = 0.002  # damping ratio below which none falls: it would ring through the record, and steel does not
-ROUNDS = 3  # of a fit of the base under the quieter noise
+# Torque noise over the base's, under which a third mass is also searched (a choice: a tenth)
+QUIET_NOISE_RATIO = 0.1
+# Log likelihood that so small a noise must cost: else the base's noise hides nothing (a choice)
+MIN_QUIET_NOISE_COST = 20.0
+# Factor by which inertia, stiffness and damping may leave their start: beyond, the fit leaves the record's
+# frequencies.
+MAX_START_RATIO = 10.0
+MIN_DAMPING_RATIO = 0.002  # Damping ratio. Below, a mode would oscillate throughout the record; steel has more.
+QUIET_FIT_ITERATIONS = 3  # a choice: iterations of a fit of the base under the smaller noise
 
 
 def _starts(base: Model) -> list[Start]:
-    from drivetool.check.fit import everything, fit, judge, may_have_tip
+    from drivetool.check.fit import all_samples, fit, masked_loss, may_have_third_mass
 
-    if not may_have_tip(base.task.drive):
+    if not may_have_third_mass(base.task.drive):
         return []
-    # A resonance that the base lacks may pass for torque noise, under which a third mass gains nothing any more.
-    masks, noise = everything(base.problem), replace(base.noise, ratio=QUIETER * base.noise.ratio)
-    quiet = replace(base, noise=noise, value=judge(base.problem, base.point, noise, masks))
-    if quiet.value > base.value + HIDING:
-        quiet = fit(quiet, masks, most=ROUNDS, renewed=False)
-    unheard = [] if quiet.value < base.value + HIDING else _likely(quiet)
-    return [Start(task, ()) for task in _likely(base)] + [Start(task, (), quiet) for task in unheard]
+    # A missing resonance may be estimated as torque noise, under which a third mass gains nothing.
+    masks, noise = all_samples(base.problem), replace(base.noise, ratio=QUIET_NOISE_RATIO * base.noise.ratio)
+    quiet = replace(base, noise=noise, value=masked_loss(base.problem, base.point, noise, masks))
+    if quiet.value > base.value + MIN_QUIET_NOISE_COST:
+        quiet = fit(quiet, masks, max_iterations=QUIET_FIT_ITERATIONS, refit_noise=False)
+    hidden = [] if quiet.value < base.value + MIN_QUIET_NOISE_COST else _likely_tasks(quiet)
+    return [Start(task, ()) for task in _likely_tasks(base)] + [Start(task, (), quiet) for task in hidden]
 
 
-def _likely(base: Model) -> list[Task]:
-    from drivetool.check.starts import likely_large_tips, likely_middles, likely_tips
+def _likely_tasks(base: Model) -> list[Task]:
+    from drivetool.check.starts import likely_end_masses, likely_intermediate_masses, likely_large_end_masses
 
-    return [*likely_tips(base), *likely_large_tips(base), *likely_middles(base)]
+    return [*likely_end_masses(base), *likely_large_end_masses(base), *likely_intermediate_masses(base)]
 
 
 def _bounds(base: Model, task: Task) -> Bounds:
-    """Not far from where it was looked for, or it would ring as fast as nothing in the record, at length.
+    """Not far from its start, or it would become an undamped mode outside the record's frequencies.
 
-    It is looked for damped, and may be so less.
+    Its start is well damped, and the fit may reduce the damping.
     """
-    from drivetool.check.fit import third_of
-    from drivetool.identify.laws import tip_names
+    from drivetool.check.fit import third_mass_of
+    from drivetool.identify.laws import third_mass_names
 
     if task.drive.bodies == base.task.drive.bodies:
         return {}
-    names = tip_names(base.task.drive, third_of(task.drive))
+    names = third_mass_names(base.task.drive, third_mass_of(task.drive))
     inertia, stiffness, damping = (task.drive.values[n] for n in names)
-    least = 2.0 * LIGHTEST * float(np.sqrt(stiffness * inertia))
-    return dict(zip(names, ((inertia / FAR, inertia * FAR), (stiffness / FAR, stiffness * FAR),
-                            (min(damping, least), max(damping, least) * FAR)), strict=True))
+    min_damping = 2.0 * MIN_DAMPING_RATIO * float(np.sqrt(stiffness * inertia))
+    return dict(zip(names, ((inertia / MAX_START_RATIO, inertia * MAX_START_RATIO),
+                            (stiffness / MAX_START_RATIO, stiffness * MAX_START_RATIO),
+                            (min(damping, min_damping), max(damping, min_damping) * MAX_START_RATIO)), strict=True))
 
 
 def _absent(_: Model) -> tuple[State, str]:

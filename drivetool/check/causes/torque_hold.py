@@ -7,19 +7,21 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from drivetool.check.causes.cause import Cause
-from drivetool.check.starts import Start, added, likeliest, present
+from drivetool.check.starts import Start, is_present, likeliest_start, start_with
 
 if TYPE_CHECKING:
     from drivetool.check.fit import Model
 
 NAME = "converter.interpolation"
-EARLIER = tuple(np.round(np.arange(0.1, 1.01, 0.1), 1).tolist())  # shares of a straight line between torques
+# Shares of a straight line between torques; a choice: steps of a tenth.
+INTERPOLATION_SHARES = tuple(np.round(np.arange(0.1, 1.01, 0.1), 1).tolist())
 
 
 def _starts(base: Model) -> list[Start]:
-    if present(base, NAME):
+    if is_present(base, NAME):
         return []
-    return likeliest(base, [added(base, {NAME: share}, (), held=(NAME,)) for share in EARLIER])
+    return likeliest_start(base,
+                           [start_with(base, {NAME: share}, (), fixed=(NAME,)) for share in INTERPOLATION_SHARES])
 
 
 CAUSES = (Cause(

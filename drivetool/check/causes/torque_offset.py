@@ -5,7 +5,7 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 from drivetool.check.causes.cause import Cause
-from drivetool.check.starts import Start, added
+from drivetool.check.starts import Start, start_with
 from drivetool.drive.effects import idle_torque
 
 if TYPE_CHECKING:
@@ -19,7 +19,7 @@ def _starts(base: Model) -> list[Start]:
     parts = [f"{b}.idle_torque" for b in drive.bodies]
     if name in base.task.free or any(p in base.task.free for p in parts):
         return []
-    return [added(base, {name: drive.values.get(name, drive.felt("idle_torque"))}, (name,))]
+    return [start_with(base, {name: drive.values.get(name, drive.referred_to_motor("idle_torque"))}, (name,))]
 
 
 def _absent(_: Model) -> tuple[State, str]:

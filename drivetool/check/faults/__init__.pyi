@@ -1,17 +1,22 @@
-from .late_torque import looked_at as looked_at
-from .lateness import lag_of as lag_of
+from .late_torque import torque_timing_findings as torque_timing_findings
 from .load_side_scale import load_scale as load_scale
-from .record_faults import LATE as LATE, Fault as Fault, fine_steps as fine_steps, preflight as preflight
+from .record_faults import (
+    MIN_DELAY_SAMPLES as MIN_DELAY_SAMPLES,
+    Fault as Fault,
+    encoder_step_findings as encoder_step_findings,
+    record_faults_of as record_faults_of,
+)
+from .sensor_delay import speed_delay as speed_delay
 from .shaft import (
-    BLAMED as BLAMED,
-    SCALE as SCALE,
+    MIN_SHAFT_SCALE_ERROR as MIN_SHAFT_SCALE_ERROR,
+    SENSOR_SIGNIFICANCE as SENSOR_SIGNIFICANCE,
     rescaled as rescaled,
     scale_fault as scale_fault,
     shaft_fault as shaft_fault,
 )
 from .spikes import (
     expected_peaks as expected_peaks,
-    put_back as put_back,
+    with_outliers_restored as with_outliers_restored,
+    without_model_outliers as without_model_outliers,
     without_outliers as without_outliers,
-    without_surprises as without_surprises,
 )

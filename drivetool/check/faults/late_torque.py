@@ -8,30 +8,32 @@ import numpy as np
 
 from drivetool.drive import one_body, two_mass
 from drivetool.errors import DriveToolError, Finding, NotEnoughData
-from drivetool.identify.channels import AT_MOTOR, ROLE, explains, torque_timing
+from drivetool.identify.channels import AT_MOTOR, TORQUE_ROLE, residual_uncorrelated, torque_timing
 from drivetool.identify.fit import fit_task
 from drivetool.identify.setup import Options, Outcome, Task, roles_of
 from drivetool.logs import Experiment
 
-LOOKED_AT, WITH_RESONANCE = 20_000, 6_000  # samples of a recording that are only looked at; a second or two each
+# Samples of a recording that are tested. A choice: a second or two of time each; two masses cost more per
+# sample.
+SAMPLES_ONE_BODY, SAMPLES_TWO_MASSES = 20_000, 6_000
 
-# A resonance rings: its damping ratio is below the first, and it lies below this share of half the rate. One that
-# stands in for a filter of the torque does not: of 20 samples, it has a damping ratio of 0.41.
-RINGS, BELOW = 0.2, 0.7
+# Damping ratio of a resonance, and its largest frequency over half the rate. A pole pair that compensates a
+# filter of the torque, of 20 samples, has a damping ratio of 0.41.
+MAX_RESONANCE_DAMPING, MAX_RESONANCE_FREQUENCY = 0.2, 0.7
 
 
-def looked_at(experiment: Experiment) -> list[Finding]:
+def torque_timing_findings(experiment: Experiment) -> list[Finding]:
     """See torque_timing: of one body, or else of the transfer function of two, fitted to the beginning."""
-    if experiment.input_units:  # other torques have another unit
-        signals = {role: values for role, values in experiment.signals.items() if role in (ROLE, *AT_MOTOR)}
-        experiment = replace(experiment, signals=signals, input_units={}, torque_unit=experiment.unit(ROLE))
-    for fitted, samples in ((_one_body, LOOKED_AT), (_two_masses, WITH_RESONANCE)):
+    if experiment.input_units:  # without the channels of another torque unit
+        signals = {role: values for role, values in experiment.signals.items() if role in (TORQUE_ROLE, *AT_MOTOR)}
+        experiment = replace(experiment, signals=signals, input_units={}, torque_unit=experiment.unit(TORQUE_ROLE))
+    for fitted, samples in ((_one_body, SAMPLES_ONE_BODY), (_two_masses, SAMPLES_TWO_MASSES)):
         try:
             outcome = fitted(experiment.between(0.0, samples * experiment.step))
             found = torque_timing(outcome)
         except (DriveToolError, np.linalg.LinAlgError):
-            continue  # what cannot be fitted is said by the step that has to
-        if found or (outcome.fit is not None and explains(outcome.fit)):
+            continue  # the identification itself reports what cannot be fitted
+        if found or (outcome.fit is not None and residual_uncorrelated(outcome.fit)):
             return found
     return []
 
@@ -39,25 +41,26 @@ def looked_at(experiment: Experiment) -> list[Finding]:
 def _one_body(part: Experiment) -> Outcome:
     drive = one_body(part.torque_unit, part.motion_unit)
     roles = roles_of([part], drive)
-    start = drive.with_values({"motor.inertia": _size(part), "motor.viscous": 0.0, "motor.coulomb": 0.0})
+    start = drive.with_values({"motor.inertia": _rough_inertia(part), "motor.viscous": 0.0, "motor.coulomb": 0.0})
     free = ("motor.inertia", "motor.viscous", "motor.coulomb", "motor.idle_torque")
     return fit_task(Task(start, free, roles, (part,), {}), Options(), [{}])
 
 
 def _two_masses(part: Experiment) -> Outcome:
-    from drivetool.identify.blackbox import transfer_function  # seldom needed, and slow to import
+    from drivetool.identify.blackbox import transfer_function  # rarely needed, and slow to import
 
     form, outcome = transfer_function([part], two_mass(part.torque_unit, part.motion_unit), Options())
     found = dict(zip(form.names, outcome.solution.point.values, strict=True))
-    highest, damping = np.pi * BELOW / part.step, found["a2"] / (2.0 * np.sqrt(max(found["a1"], 1e-12)))
-    if not (0.0 < found["a1"] < highest**2 and damping < RINGS):
-        raise NotEnoughData("a resonance that rings below the half rate", "none", "Fit one body.")
+    highest, damping = (np.pi * MAX_RESONANCE_FREQUENCY / part.step,
+                        found["a2"] / (2.0 * np.sqrt(max(found["a1"], 1e-12))))
+    if not (0.0 < found["a1"] < highest**2 and damping < MAX_RESONANCE_DAMPING):
+        raise NotEnoughData("a weakly damped resonance below half the sampling rate", "none", "Fit one body.")
     return outcome
 
 
-def _size(experiment: Experiment) -> float:
-    """An inertia of about the right size: what torque comes to over the changes of speed."""
-    torque = experiment.signals[ROLE]
+def _rough_inertia(experiment: Experiment) -> float:
+    """A rough inertia: standard deviation of the torque over that of the acceleration."""
+    torque = experiment.signals[TORQUE_ROLE]
     if "motor_speed" in experiment.signals:
         rate = np.diff(experiment.signals["motor_speed"]) / experiment.step
     else:

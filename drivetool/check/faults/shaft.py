@@ -1,4 +1,4 @@
-"""The shaft torque sensor against what the motor's torque and motion say the shaft carries."""
+"""The shaft torque sensor against the shaft torque from the motor's torque and motion."""
 
 from __future__ import annotations
 
@@ -10,44 +10,47 @@ from types import MappingProxyType
 import numpy as np
 
 from drivetool.check.faults.record_faults import Fault
-from drivetool.check.fit import Model, from_start
+from drivetool.check.fit import Model, fit_from_start
 from drivetool.drive import Assembly, Drive, Layout, closed_shaft
 from drivetool.errors import Finding
 from drivetool.identify.noise import filtered, normal_under
 from drivetool.identify.problem import schur
 from drivetool.identify.setup import Roles, Task, roles_of
-from drivetool.identify.starts import KNOWN, totals
+from drivetool.identify.starts import MAX_RELATIVE_STD, regressed_totals
 from drivetool.logs import Experiment
 
-BLAMED = 4.0  # standard errors of the scale from which the sensor is blamed
-SURE = 0.5 * BLAMED**2  # the same in log likelihood
-SCALE = 0.02  # relative error of the shaft torque below which it is not blamed
-PIECE = 0.25  # s of record that count as independent of the next
-STRAIGHT = 0.02  # relative change of a parameter over which all that follows from it is a straight line
-# Where to start from besides the base, which may have been bent to a wrong sensor: shares of the load in
-# the inertia, and resonances [Hz].
-SHARES, RESONANCES = (0.15, 0.5, 0.85), (8.0, 20.0, 50.0)
+# Standard errors of the scale. A choice: one test per record, and a false alarm changes the record.
+SENSOR_SIGNIFICANCE = 4.0
+MIN_SENSOR_LEAD = 0.5 * SENSOR_SIGNIFICANCE**2  # the same in log likelihood: half its square
+# Relative error of the shaft torque. A choice: sensors are calibrated to a per cent or two.
+MIN_SHAFT_SCALE_ERROR = 0.02
+# s of record that count as independent of the next. A choice: longer than the shaft oscillates.
+INDEPENDENT_INTERVAL = 0.25
+LINEAR_RANGE = 0.02  # relative change of a parameter over which the model is linear (a choice)
+# Starts besides the base, which a wrong sensor may have biased: shares of the load in the inertia, and
+# resonances [Hz]. A choice: they span usual machines.
+LOAD_INERTIA_SHARES, START_RESONANCES = (0.15, 0.5, 0.85), (8.0, 20.0, 50.0)
 
 
 def shaft_fault(experiments: Sequence[Experiment], drive: Drive, free: Sequence[str], wanted: Sequence[str],
-                begun: Mapping[str, float] = MappingProxyType({}),
+                initial_fit: Mapping[str, float] = MappingProxyType({}),
                 ) -> tuple[tuple[Experiment, ...], Drive, list[Fault]]:
-    """(mended experiments, drive to start from, faults): sign and scale of the shaft torque.
+    """(corrected experiments, drive to start from, faults): sign and scale of the shaft torque.
 
-    The drive is fitted to the motor alone, which knows the shaft torque up to the scale of the motor
-    torque; which of the two channels is wrong, only a known inertia tells.
+    The drive is fitted to the motor channels only, which identify the shaft torque up to the scale of the motor
+    torque. Which of the two channels is wrong, only a known inertia decides.
 
-    begun  values that the fit of the drive started from: a wrong sensor may have led it far astray
+    initial_fit  start values of the drive's fit: with a wrong sensor it may have diverged from them
     """
     roles = roles_of(experiments, drive)
-    alone = Roles(roles.inputs, tuple(r for r in roles.outputs if r != "shaft_torque"))
-    asked = {"wrong-sign", "wrong-scale"} & set(wanted)
-    if len(alone.outputs) == len(roles.outputs) or not alone.outputs or not asked:
+    without_sensor = Roles(roles.inputs, tuple(r for r in roles.outputs if r != "shaft_torque"))
+    requested = {"wrong-sign", "wrong-scale"} & set(wanted)
+    if len(without_sensor.outputs) == len(roles.outputs) or not without_sensor.outputs or not requested:
         return tuple(experiments), drive, []
-    task = Task(drive, tuple(n for n in drive.quantities if n in free), alone, tuple(experiments))
-    first = {n: begun[n] for n in task.free if n in begun}
-    models = _by_the_motor(task, first)
-    found = _blamed(models, replace(task, roles=roles), first) if models else None
+    task = Task(drive, tuple(n for n in drive.quantities if n in free), without_sensor, tuple(experiments))
+    first = {n: initial_fit[n] for n in task.free if n in initial_fit}
+    models = _fits_without_sensor(task, first)
+    found = _sensor_error(models, replace(task, roles=roles), first) if models else None
     if found is None:
         return tuple(experiments), drive, []
     factor, error, model = found
@@ -57,49 +60,52 @@ def shaft_fault(experiments: Sequence[Experiment], drive: Drive, free: Sequence[
     return rescaled(experiments, factor), model.fitted.drive, [fault]
 
 
-def _by_the_motor(task: Task, first: Mapping[str, float]) -> list[Model]:
-    """The drive fitted to the motor alone, from its own values, those its fit began with, and others."""
+def _fits_without_sensor(task: Task, first: Mapping[str, float]) -> list[Model]:
+    """The drive fitted to the motor channels only, from its own values, its start values, and others."""
     models = []
-    for values in ({}, *([first] if first else ()), *_elsewhere(task)):
+    for values in ({}, *([first] if first else ()), *_alternative_starts(task)):
         with suppress(np.linalg.LinAlgError), np.errstate(all="ignore"):
-            models.append(from_start(task.at(values)))
+            models.append(fit_from_start(task.at(values)))
     return models
 
 
-def _blamed(models: Sequence[Model], whole: Task, first: Mapping[str, float]) -> tuple[float, float, Model] | None:
-    """(factor of the sensor, its error, the drive by the motor alone), None if the sensor is to be trusted.
+def _sensor_error(models: Sequence[Model], whole: Task, first: Mapping[str, float],
+                  ) -> tuple[float, float, Model] | None:
+    """(factor of the sensor, its error, the drive from the motor channels), None if the sensor is right.
 
-    The scale where the motor tells it; the sign by all that was measured, where it does not.
+    The scale where the motor channels identify it; elsewhere the sign, by the likelihood of all channels.
 
-    models  of the motor alone; whole: the task with the sensor; first: values that its fit began with
+    models  of the motor channels only; whole: the task with the sensor; first: its start values
     """
     model, step = min(models, key=lambda m: m.value), whole.experiments[0].step
     measured = np.concatenate([e.signals["shaft_torque"][a:b] for e in whole.experiments
                                for a, b in e.segments if b - a >= 10])
     factor, error = scale_of(model, measured, step)
-    told = error < abs(factor)
-    if told and (abs(factor - 1.0) < max(SCALE, BLAMED * error) or abs(factor) < 0.05):
+    identifiable = error < abs(factor)
+    if identifiable and (abs(factor - 1.0) < max(MIN_SHAFT_SCALE_ERROR, SENSOR_SIGNIFICANCE * error)
+                         or abs(factor) < 0.05):
         return None
-    begins = (whole, whole.at(first)) if first else (whole,)
-    lead = lead_of(factor, (*begins, _from(model, whole))) if told else 0.0
-    if told and lead < SURE:
+    starts = (whole, whole.at(first)) if first else (whole,)
+    lead = lead_of_factor(factor, (*starts, _task_at(model, whole))) if identifiable else 0.0
+    if identifiable and lead < MIN_SENSOR_LEAD:
         return None
-    if told and factor > 0.0:
+    if identifiable and factor > 0.0:
         return factor, error, model
-    turned = min(models, key=lambda m: abs(_factor(measured, *shaft_torque_of(m), step)[0] + 1.0))
-    near = told and abs(factor + 1.0) < BLAMED * error
-    other = np.inf if near else lead_of(-1.0, (*begins, _from(model, whole), _from(turned, whole)))
-    if other > (lead - SURE if told else SURE):
-        return -1.0, np.nan, turned  # a sign is no measured number
-    return (factor, error, model) if told else None
+    inverted = min(models, key=lambda m: abs(_regression_factor(measured, *shaft_torque_of(m), step)[0] + 1.0))
+    near = identifiable and abs(factor + 1.0) < SENSOR_SIGNIFICANCE * error
+    inverted_lead = np.inf if near else lead_of_factor(-1.0,
+                                                       (*starts, _task_at(model, whole), _task_at(inverted, whole)))
+    if inverted_lead > (lead - MIN_SENSOR_LEAD if identifiable else MIN_SENSOR_LEAD):
+        return -1.0, np.nan, inverted  # a sign has no standard error
+    return (factor, error, model) if identifiable else None
 
 
 def scale_fault(factor: float, error: float) -> Fault:
-    """The sensor that reads `factor` times the shaft torque; an error that is no number: it has the wrong sign."""
+    """The fault of a sensor that reads `factor` times the shaft torque; an error of NaN: it has the wrong sign."""
     code = "wrong-sign" if factor < 0.0 and abs(abs(factor) - 1.0) < 0.3 else "wrong-scale"
     return Fault(code, Finding(
         "warning", code,
-        f"The logged shaft torque is {factor:.4g} times what the motor's torque and motion say the shaft carries.",
+        f"The logged shaft torque is {factor:.4g} times the shaft torque from the motor's torque and motion.",
         {"factor": factor} | ({"std": error} if np.isfinite(error) else {}),
         "Correct sign, unit or scale of the shaft torque (or of the motor torque) in the channel map."),
         factor=factor, shaft=True)
@@ -108,28 +114,28 @@ def scale_fault(factor: float, error: float) -> Fault:
 def scale_of(model: Model, measured: np.ndarray, step: float) -> tuple[float, float]:
     """(factor of a measured shaft torque (n,) over the model's, standard error).
 
-    The error is that of the comparison, and that of the model's own parameters put through it.
+    The error is that of the regression, and that of the model's parameters propagated through it.
     """
-    factor, error = _factor(measured, *shaft_torque_of(model), step)
+    factor, error = _regression_factor(measured, *shaft_torque_of(model), step)
     variance = error**2
-    for change, size in _doubts(model):
+    for change, size in _parameter_deviations(model):
         moved = replace(model, point=replace(model.point, values=model.point.values + change))
-        other, _ = _factor(measured, *shaft_torque_of(moved), step)
+        other, _ = _regression_factor(measured, *shaft_torque_of(moved), step)
         variance += (size * (other - factor)) ** 2
     return factor, float(np.sqrt(variance)) if np.isfinite(variance) else np.inf
 
 
 def rescaled(experiments: Sequence[Experiment], factor: float) -> tuple[Experiment, ...]:
-    """The records as they are if the sensor reads `factor` times the shaft torque."""
+    """The records corrected for a sensor that reads `factor` times the shaft torque."""
     return tuple(replace(e, signals={**e.signals, "shaft_torque": e.signals["shaft_torque"] / factor})
                  for e in experiments)
 
 
-def lead_of(factor: float, tasks: Sequence[Task]) -> float:
-    """Log likelihood of all that was measured that is gained if the sensor has a factor.
+def lead_of_factor(factor: float, tasks: Sequence[Task]) -> float:
+    """Gain in log likelihood of all channels if the sensor has a factor.
 
-    Where the motor tells little of the drive its likelihood is flat and bent, and no standard error holds; this
-    ratio does.
+    Where the motor channels identify little of the drive, the likelihood is flat and far from a parabola, and no
+    standard error holds; this likelihood ratio does.
 
     tasks  the drive with the sensor, from several values of its parameters
     """
@@ -137,7 +143,7 @@ def lead_of(factor: float, tasks: Sequence[Task]) -> float:
         found = [np.inf]
         for task in tasks:
             with suppress(np.linalg.LinAlgError), np.errstate(all="ignore"):
-                found.append(from_start(task).value)
+                found.append(fit_from_start(task).value)
         return min(found)
 
     count = sum(int(np.isfinite(e.signals["shaft_torque"][a:b]).sum()) for e in tasks[0].experiments
@@ -146,71 +152,73 @@ def lead_of(factor: float, tasks: Sequence[Task]) -> float:
     return value(tasks) - value(other) - count * float(np.log(abs(factor)))
 
 
-def _from(model: Model, whole: Task) -> Task:
-    """The task with the values of a model of the motor alone."""
+def _task_at(model: Model, whole: Task) -> Task:
+    """The task with the values of a model of the motor channels."""
     return whole.at(dict(zip(model.task.free, model.point.values, strict=True)))
 
 
-def _doubts(model: Model) -> list[tuple[np.ndarray, float]]:
-    """Independent changes (k,) of the parameters, and by what to multiply each to have one standard deviation.
+def _parameter_deviations(model: Model) -> list[tuple[np.ndarray, float]]:
+    """Independent changes (k,) of the parameters, and the factor of each to one standard deviation.
 
-    A change is small enough for a straight line. What the motor does not tell, how friction is shared above all, is
-    doubted by as much as there is of it in the whole drive.
+    A change is small enough for linearisation. What the motor channels do not identify, above all the split of
+    friction, has a prior standard deviation of its sum over the whole drive.
     """
     problem, normal = model.problem, normal_under(model.problem, model.point, model.noise)
     matrix, _, _ = schur(normal)
-    most = np.array([_all_of(name, model) for name in model.task.free])
+    prior_std = np.array([_sum_over_bodies(name, model) for name in model.task.free])
     variance = normal.cost / max(problem.count - problem.unknowns, 1)
-    told, ways = np.linalg.eigh(np.outer(most, most) * matrix / variance + np.eye(len(most)))
+    eigenvalues, eigenvectors = np.linalg.eigh(
+        np.outer(prior_std, prior_std) * matrix / variance + np.eye(len(prior_std)))
     found = []
-    for information, way in zip(told, ways.T, strict=True):
-        std = most * way / np.sqrt(information)
-        share = min(1.0, STRAIGHT / float(np.max(np.abs(std) / most)))
+    for information, direction in zip(eigenvalues, eigenvectors.T, strict=True):
+        std = prior_std * direction / np.sqrt(information)
+        share = min(1.0, LINEAR_RANGE / float(np.max(np.abs(std) / prior_std)))
         found.append((share * std, 1.0 / share))
     return found
 
 
-def _all_of(name: str, model: Model) -> float:
-    """Size of a parameter with its like on the other bodies."""
+def _sum_over_bodies(name: str, model: Model) -> float:
+    """Sum of a parameter over all bodies."""
     drive, suffix = model.fitted.drive, name.rpartition(".")[2]
     like = [abs(drive.value(n) or 0.0) for n in model.task.free if n.rpartition(".")[2] == suffix]
     return max(sum(like), 1e-6 * float(model.problem.size[model.task.free.index(name)]))
 
 
-def _factor(measured: np.ndarray, said: np.ndarray, speed: np.ndarray, step: float) -> tuple[float, float]:
-    """(by what the shaft torque that a model says is to be multiplied, standard error), all (n,).
+def _regression_factor(measured: np.ndarray, modelled: np.ndarray, speed: np.ndarray,
+                       step: float) -> tuple[float, float]:
+    """(factor of the measured over the modelled shaft torque, standard error), all (n,).
 
-    How friction is shared by the bodies the motor alone does not know: what the shaft carries for that, a constant
-    and a share of the speed, is not to count.
+    The motor channels do not identify the split of friction between the bodies: its part of the shaft torque, a
+    constant and a share of the speed, is taken up by further regressors.
     """
     good = np.isfinite(measured)
-    rows = np.column_stack([said[good], speed[good], np.ones(good.sum())])
+    rows = np.column_stack([modelled[good], speed[good], np.ones(good.sum())])
     size = np.linalg.norm(rows, axis=0)
     if len(rows) < 4 or not size.all():
         return 1.0, np.inf
     inverse = np.linalg.pinv(rows / size)
     factors = inverse @ measured[good]
     rest = measured[good] - rows @ (factors / size)
-    # What is left repeats from sample to sample: pieces count as independent, not samples.
-    pieces = np.add.reduceat(inverse[0] * rest, np.arange(0, len(rest), max(round(PIECE / step), 1)))
+    # Residuals are correlated from sample to sample: intervals count as independent, not samples.
+    pieces = np.add.reduceat(inverse[0] * rest, np.arange(0, len(rest), max(round(INDEPENDENT_INTERVAL / step), 1)))
     return float(factors[0] / size[0]), float(np.linalg.norm(pieces) / size[0])
 
 
-def _elsewhere(task: Task) -> list[dict[str, float]]:
-    """Other inertias and stiffnesses, for two bodies, with sums of inertia and friction that the record tells."""
+def _alternative_starts(task: Task) -> list[dict[str, float]]:
+    """Other inertias and stiffnesses, for two bodies, with the sums of inertia and friction from the record."""
     drive = task.drive
     if len(drive.bodies) != 2:
         return []
     motor, load = (f"{b}.inertia" for b in drive.bodies)
     whole, shaft, found = drive.value(motor) + drive.value(load), drive.shafts[0], []
-    slow = {motor: 0.5, load: 0.5, f"{shaft}.stiffness": 0.25 * (2.0 * np.pi * RESONANCES[0]) ** 2}
-    told = totals(task.at(slow)) or {}
-    sums = {n: told[n][0] for n in ("inertia", "viscous", "idle_torque")
-            if n in told and told[n][1] < KNOWN * told[n][0]}
+    slow = {motor: 0.5, load: 0.5, f"{shaft}.stiffness": 0.25 * (2.0 * np.pi * START_RESONANCES[0]) ** 2}
+    identified = regressed_totals(task.at(slow)) or {}
+    sums = {n: identified[n][0] for n in ("inertia", "viscous", "idle_torque")
+            if n in identified and identified[n][1] < MAX_RELATIVE_STD * identified[n][0]}
     whole = sums.pop("inertia", whole)
     friction = {f"total.{n}": v for n, v in sums.items() if f"total.{n}" in task.free}
-    for share in SHARES:
-        for rate in 2.0 * np.pi * np.array(RESONANCES):
+    for share in LOAD_INERTIA_SHARES:
+        for rate in 2.0 * np.pi * np.array(START_RESONANCES):
             stiffness = rate**2 * share * (1.0 - share) * whole
             found.append({motor: (1.0 - share) * whole, load: share * whole, f"{shaft}.stiffness": stiffness,
                           f"{shaft}.damping": 0.06 * stiffness / rate, **friction})

@@ -1,44 +1,48 @@
-from .chance import TRIFLE as TRIFLE, unlikely as unlikely
-from .gauss_newton_step import alone as alone, linear_step as linear_step
+from .friction_split import with_parts as with_parts
+from .gauss_newton_step import amplitude_std as amplitude_std, linear_step as linear_step
 from .model import (
-    BROKEN as BROKEN,
-    FIRST as FIRST,
-    MOST as MOST,
+    FIRST_FIT_ITERATIONS as FIRST_FIT_ITERATIONS,
+    FIT_ERRORS as FIT_ERRORS,
+    MAX_FIT_ITERATIONS as MAX_FIT_ITERATIONS,
     Masks as Masks,
     Model as Model,
-    begun as begun,
-    everything as everything,
+    all_samples as all_samples,
     few_steps as few_steps,
-    first_noise as first_noise,
     fit as fit,
-    from_start as from_start,
-    heard as heard,
-    judge as judge,
-    likeliest_noise as likeliest_noise,
-    losses as losses,
-    over as over,
-    runs_worse as runs_worse,
+    fit_from_start as fit_from_start,
+    free_runs_clearly_worse as free_runs_clearly_worse,
+    initial_noise as initial_noise,
+    masked_loss as masked_loss,
+    noise_replaces_law as noise_replaces_law,
+    over_traces as over_traces,
+    reestimate_noise as reestimate_noise,
+    sample_losses as sample_losses,
     sensor_std as sensor_std,
-    spread as spread,
-    stands_in as stands_in,
-    total as total,
+    sensor_variance as sensor_variance,
+    total_loss as total_loss,
+    unfitted as unfitted,
+    with_likeliest_noise as with_likeliest_noise,
 )
-from .parts import with_parts as with_parts
-from .quantisation import COARSE as COARSE, resolution as resolution
-from .reduce import TOLD as TOLD, values_of as values_of, without_them as without_them
+from .quantisation import MIN_ROUNDING_VARIANCE_SHARE as MIN_ROUNDING_VARIANCE_SHARE, resolution as resolution
+from .reduce import (
+    SIZE_SIGNIFICANCE as SIZE_SIGNIFICANCE,
+    added_parameters as added_parameters,
+    refit_without as refit_without,
+)
 from .residual_tests import (
-    LEFT as LEFT,
-    LITTLE as LITTLE,
-    Remainder as Remainder,
-    faked as faked,
-    much_left as much_left,
-    remainder as remainder,
+    MAX_RESIDUAL_GAIN as MAX_RESIDUAL_GAIN,
+    MAX_RESIDUAL_SHARE as MAX_RESIDUAL_SHARE,
+    ResidualTests as ResidualTests,
+    gain_from_quantisation as gain_from_quantisation,
+    residuals_large as residuals_large,
+    run_residual_tests as run_residual_tests,
 )
+from .significance import MIN_TESTABLE_GAIN as MIN_TESTABLE_GAIN, neg_log_p_corrected as neg_log_p_corrected
 from .structure import (
-    carried as carried,
-    may_have_tip as may_have_tip,
-    third_of as third_of,
-    with_large_tip as with_large_tip,
-    with_middle as with_middle,
-    with_tip as with_tip,
+    may_have_third_mass as may_have_third_mass,
+    third_mass_of as third_mass_of,
+    transferred_point as transferred_point,
+    with_end_mass as with_end_mass,
+    with_intermediate_mass as with_intermediate_mass,
+    with_large_end_mass as with_large_end_mass,
 )

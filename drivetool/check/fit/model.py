@@ -1,6 +1,6 @@
-"""One explanation of the records: a drive, its free parameters and its noise, fitted to some samples.
+"""One model of the records: a drive, its free parameters and its noise, fitted to some samples.
 
-The fit is that of `identify`: everything is measured in its currency, the log likelihood of one-step predictions.
+The fit is that of `identify`, and gains are in its unit, the log likelihood of one-step predictions.
 A fit can count some samples only (a mask); the filter still sees all of them, so that training and held-out samples
 interleave in one record without start states in between.
 """
@@ -14,39 +14,46 @@ import numpy as np
 
 from drivetool.drive.simulation import Filtered
 from drivetool.errors import DriveToolError
-from drivetool.identify.fit import COLOUR_GAIN, looks_coloured
+from drivetool.identify.fit import MIN_COLOUR_GAIN, looks_coloured
 from drivetool.identify.noise import (
     Noise,
-    by_parabolas,
     excerpt,
     filtered,
+    fit_correlated_noise,
     fit_innovations,
     fit_ratio,
+    minimise_by_parabolas,
     minus_log_likelihood,
-    remembering,
-    with_state,
+    with_disturbance_state,
 )
-from drivetool.identify.problem import Point, Problem, approach
+from drivetool.identify.problem import Point, Problem, take_steps
 from drivetool.identify.setup import Task, first_point
 
 Masks = Sequence[np.ndarray]  # per trace (n,) whether a sample counts
 
-BROKEN = (DriveToolError, np.linalg.LinAlgError, FloatingPointError)  # what a fit that fails may raise
-WIDE = np.log(3.0) * np.arange(-3, 4)  # of how loud a sensor may be against the guess
-CLEARLY = 10.0  # log likelihood by which another noise is worth a fit: absorbed torque noise gains a few
-FIRST = 3  # rounds of a first fit
-MOST, COLOURED = 12, 4  # rounds of gains and least squares, and of those under a noise that remembers
-SLOWER = 0.7  # of the rate at which torque noise forgets
-WORSE = 0.25  # of the error of free runs, by which it may grow
+FIT_ERRORS = (DriveToolError, np.linalg.LinAlgError, FloatingPointError)  # exceptions of a fit that fails
+# Factors of a sensor's noise over the guess, 1/27 to 27: a wrong guess is off by an order of magnitude.
+LOG_NOISE_SCALE_GRID = np.log(3.0) * np.arange(-3, 4)
+# Log likelihood by which another noise is worth a fit: absorbed torque noise gains a few units.
+MIN_NOISE_GAIN = 10.0
+FIRST_FIT_ITERATIONS = 3  # iterations of a first fit. A choice: enough to rank the starts
+# Iterations of gains and least squares, and of those under an AR(1) noise. A choice: limits the cost of a fit
+# that does not converge.
+MAX_FIT_ITERATIONS, COLOURED_FIT_ITERATIONS = 12, 4
+# Ratio of the decay rates of AR(1) torque noise after and before a fit. A choice: noise that slows by more than
+# 30 % may replace a law.
+MAX_NOISE_RATE_RATIO = 0.7
+# Relative growth of the free-run error. A choice: smaller changes may come from noise.
+MAX_RUN_ERROR_INCREASE = 0.25
 
 
 @dataclass(frozen=True)
 class Model:
-    """A fitted explanation.
+    """A fitted model.
 
     code   of the cause it adds to the base, "base" for the base
     task   the drive with its free parameters; problem: the same over the records
-    point  the estimate, noise its noise model
+    point  the estimate; noise: its noise model
     value  -log likelihood over the samples that counted
     """
 
@@ -63,17 +70,17 @@ class Model:
         return self.task.at_point(self.point)
 
 
-def everything(problem: Problem) -> list[np.ndarray]:
+def all_samples(problem: Problem) -> list[np.ndarray]:
     """The mask that counts every sample."""
     return [np.ones(t.size, bool) for t in problem.traces]
 
 
-def counted(problem: Problem, masks: Masks) -> Problem:
+def masked_problem(problem: Problem, masks: Masks) -> Problem:
     """The problem of the samples of a mask."""
     return replace(problem, counts=tuple(masks))
 
 
-def losses(passes: Sequence[Filtered], variance: float) -> list[np.ndarray]:
+def sample_losses(passes: Sequence[Filtered], variance: float) -> list[np.ndarray]:
     """Per trace (n,): -log likelihood of each sample, up to a constant, 0 where nothing was measured.
 
     variance  of the first sensor
@@ -82,13 +89,13 @@ def losses(passes: Sequence[Filtered], variance: float) -> list[np.ndarray]:
     for f in passes:
         known = np.isfinite(f.innovations)
         e = np.where(known, f.innovations, 0.0)
-        with np.errstate(over="ignore", invalid="ignore"):  # of a filter that ran away
+        with np.errstate(over="ignore", invalid="ignore"):  # of a filter that diverged
             each = 0.5 * e**2 / (f.variance * variance) + 0.5 * np.log(f.variance * variance)
         found.append(np.where(known, each, 0.0).sum(axis=1))
     return found
 
 
-def spread(passes: Sequence[Filtered], masks: Masks) -> float:
+def sensor_variance(passes: Sequence[Filtered], masks: Masks) -> float:
     """Variance of the first sensor that makes the samples of a mask most likely."""
     squares, count = 0.0, 0
     for f, mask in zip(passes, masks, strict=True):
@@ -100,90 +107,93 @@ def spread(passes: Sequence[Filtered], masks: Masks) -> float:
     return squares / max(count, 1)
 
 
-def over(model: Model, keep: Sequence[int]) -> Model:
+def over_traces(model: Model, keep: Sequence[int]) -> Model:
     """The model over some of its traces."""
     return replace(model, problem=replace(model.problem, traces=tuple(model.problem.traces[i] for i in keep)),
                    point=Point(model.point.values, tuple(model.point.starts[i] for i in keep)))
 
 
 def sensor_std(model: Model, output: int = 0) -> float:
-    """Std of a sensor's white noise, of the first one if none is said, as the model has it."""
+    """Standard deviation of a sensor's white noise by the model; the default is the first sensor."""
     passes = filtered(model.problem, model.point, model.noise, keep=False)
-    return float(np.sqrt(spread(passes, everything(model.problem))) * model.noise.scale[output])
+    return float(np.sqrt(sensor_variance(passes, all_samples(model.problem))) * model.noise.scale[output])
 
 
-def total(each: Sequence[np.ndarray], masks: Masks) -> float:
-    """Sum over the samples of a mask; infinite where the filter ran away."""
+def total_loss(each: Sequence[np.ndarray], masks: Masks) -> float:
+    """Sum over the samples of a mask; infinite where the filter diverged."""
     value = float(sum(loss[mask].sum() for loss, mask in zip(each, masks, strict=True)))
     return value if np.isfinite(value) else np.inf
 
 
-def judge(problem: Problem, point: Point, noise: Noise, masks: Masks) -> float:
+def masked_loss(problem: Problem, point: Point, noise: Noise, masks: Masks) -> float:
     """-log likelihood of the samples of a mask, the sensor variance fitted to them."""
     with np.errstate(over="ignore", invalid="ignore", divide="ignore"):
-        return minus_log_likelihood(filtered(counted(problem, masks), point, noise, keep=False))
+        return minus_log_likelihood(filtered(masked_problem(problem, masks), point, noise, keep=False))
 
 
-def begun(code: str, task: Task, problem: Problem, point: Point, noise: Noise) -> Model:
-    """An explanation that has not been fitted."""
+def unfitted(code: str, task: Task, problem: Problem, point: Point, noise: Noise) -> Model:
+    """A model that has not been fitted."""
     return Model(code, task, problem, point, noise, np.inf)
 
 
-def fit(model: Model, masks: Masks, *, most: int = MOST, renewed: bool = True, goal: float = np.inf) -> Model:
-    """The model fitted to the samples of a mask, from where it is.
+def fit(model: Model, masks: Masks, *, max_iterations: int = MAX_FIT_ITERATIONS, refit_noise: bool = True,
+        goal: float = np.inf) -> Model:
+    """The model fitted to the samples of a mask, from its present point.
 
-    most  rounds; renewed: whether its noise is fitted, too, as long as it stands in for nothing
-    goal  value to be reached: what is far above it after a few rounds is given up
+    max_iterations  of the fit; refit_noise: whether its noise is fitted too, as long as that replaces no law
+    goal            value to be reached: a fit that is far above it after a few iterations stops
     """
-    found = fit_innovations(counted(model.problem, masks), model.point, model.noise, arrived=True, most=most,
-                            renewed=renewed, wanted=goal)
+    found = fit_innovations(masked_problem(model.problem, masks), model.point, model.noise, near_optimum=True,
+                            max_rounds=max_iterations,
+                            estimate_noise=refit_noise, wanted=goal)
     after = replace(model, point=found.point, noise=found.noise, value=found.value)
-    if renewed and stands_in(after, model):
-        return fit(model, masks, most=most, renewed=False, goal=goal)
+    if refit_noise and noise_replaces_law(after, model):
+        return fit(model, masks, max_iterations=max_iterations, refit_noise=False, goal=goal)
     return after
 
 
-def few_steps(model: Model, masks: Masks, most: int) -> Model:
+def few_steps(model: Model, masks: Masks, max_steps: int) -> Model:
     """The model after some steps under the gains of its noise."""
-    problem = counted(model.problem, masks)
+    problem = masked_problem(model.problem, masks)
     with np.errstate(over="ignore", invalid="ignore"):
         gains = [f.gains for f in filtered(problem, model.point, model.noise)]
-        remembering_ = problem.with_memory(model.noise.memory)
-        point, _ = approach(remembering_, with_state(model.point, model.noise), gains, most)
+        with_memory = problem.with_memory(model.noise.memory)
+        point, _ = take_steps(with_memory, with_disturbance_state(model.point, model.noise), gains, max_steps)
     if model.noise.memory is not None:
         point = Point(point.values, tuple(s[:-1] for s in point.starts))
-    return replace(model, point=point, value=judge(problem, point, model.noise, masks))
+    return replace(model, point=point, value=masked_loss(problem, point, model.noise, masks))
 
 
-def from_start(task: Task, masks: Masks | None = None, most: int = MOST) -> Model:
-    """A drive fitted from its values to all samples or those of a mask; without rounds, under the noise there."""
+def fit_from_start(task: Task, masks: Masks | None = None, max_iterations: int = MAX_FIT_ITERATIONS) -> Model:
+    """A drive fitted from its values to all samples or those of a mask; for zero iterations its noise only."""
     problem = task.problem()
     point = first_point(task.drive, problem, task.roles)
-    masks = everything(problem) if masks is None else masks
-    model = begun("base", task, problem, point, first_noise(problem, point, masks))
-    if not most:
-        return replace(model, value=judge(problem, point, model.noise, masks))
-    return _heard_anew(fit(model, masks, most=most), masks, most)
+    masks = all_samples(problem) if masks is None else masks
+    model = unfitted("base", task, problem, point, initial_noise(problem, point, masks))
+    if not max_iterations:
+        return replace(model, value=masked_loss(problem, point, model.noise, masks))
+    return _reestimate_noise_widely(fit(model, masks, max_iterations=max_iterations), masks, max_iterations)
 
 
-def _heard_anew(model: Model, masks: Masks, most: int) -> Model:
-    """The model, or the same fitted on under the noise that is found far around it, where that is clearly likelier.
+def _reestimate_noise_widely(model: Model, masks: Masks, max_iterations: int) -> Model:
+    """The model, or one fitted on under a noise searched over a wide range, where that is clearly likelier.
 
-    A noise that was begun far from the estimate may have settled where no way leads downhill: all in one sensor.
+    A noise that started far from the estimate may be in a local optimum: all of it in one sensor.
     """
     if model.noise.memory is not None:
         return model
-    noise = _listened(counted(model.problem, masks), model.point, first_noise(model.problem, model.point, masks))
-    if judge(model.problem, model.point, noise, masks) > model.value - CLEARLY:
+    noise = _sensor_noise_over_range(masked_problem(model.problem, masks), model.point,
+                                     initial_noise(model.problem, model.point, masks))
+    if masked_loss(model.problem, model.point, noise, masks) > model.value - MIN_NOISE_GAIN:
         return model
-    again = fit(replace(model, noise=noise), masks, most=most)
+    again = fit(replace(model, noise=noise), masks, max_iterations=max_iterations)
     return min((model, again), key=lambda m: m.value)
 
 
-def _listened(problem: Problem, point: Point, noise: Noise) -> Noise:
-    """The noise with each further sensor as loud as makes the samples most likely, looked for far around.
+def _sensor_noise_over_range(problem: Problem, point: Point, noise: Noise) -> Noise:
+    """The noise with the likeliest scale of each further sensor, searched over a wide range.
 
-    Not as loud as its own innovations: a sensor that is trusted too much makes the others look loud.
+    Its own innovations are no estimate: one sensor with too small a noise inflates those of the others.
     """
     part = excerpt(problem)
     for m in range(1, len(noise.scale)):
@@ -196,46 +206,47 @@ def _listened(problem: Problem, point: Point, noise: Noise) -> Noise:
             with np.errstate(over="ignore", invalid="ignore", divide="ignore"):
                 return minus_log_likelihood(filtered(part, point, of(log), keep=False))
 
-        noise = louder(by_parabolas(value, WIDE, close=0.02))
+        noise = louder(minimise_by_parabolas(value, LOG_NOISE_SCALE_GRID, tolerance=0.02))
     return noise
 
 
-def first_noise(problem: Problem, point: Point, masks: Masks, quick: bool = False) -> Noise:
-    """The noise at a point where none has been fitted: looked for far around."""
+def initial_noise(problem: Problem, point: Point, masks: Masks, quick: bool = False) -> Noise:
+    """The noise at a point where none has been fitted, searched over a wide range."""
     with np.errstate(over="ignore", invalid="ignore"):
-        return fit_ratio(counted(problem, masks), point, Noise(1.0, None, problem.scale), quick=quick)
+        return fit_ratio(masked_problem(problem, masks), point, Noise(1.0, None, problem.scale), quick=quick)
 
 
-def heard(model: Model, masks: Masks) -> Model:
-    """The model, or the same under the torque noise that what it leaves asks for, if it is likelier so.
+def reestimate_noise(model: Model, masks: Masks) -> Model:
+    """The model, or the same under AR(1) torque noise where its residuals are correlated and that is likelier.
 
-    Slow torque noise can stand in for a law, so it is asked of every explanation alike, and last: a memory must be
-    worth its parameter where there was none, and stays where there was one only as long as it is.
+    Slow torque noise can replace a law, so every model gets the same test, after its fit. An AR(1) pole must gain
+    more than its parameter costs, and is dropped when it no longer does.
     """
-    problem = counted(model.problem, masks)
+    problem = masked_problem(model.problem, masks)
     if model.noise.memory is not None:
-        return _white_again(model, problem, masks)
+        return _refit_with_white_noise(model, problem, masks)
     if not looks_coloured(filtered(problem, model.point, model.noise, keep=False)):
         return model
-    noise = remembering(problem, model.point, model.noise, lambda n: judge(model.problem, model.point, n, masks))
-    if judge(model.problem, model.point, noise, masks) > model.value - COLOUR_GAIN:
+    noise = fit_correlated_noise(problem, model.point, model.noise,
+                                 lambda n: masked_loss(model.problem, model.point, n, masks))
+    if masked_loss(model.problem, model.point, noise, masks) > model.value - MIN_COLOUR_GAIN:
         return model
-    trial = fit(replace(model, noise=noise), masks, most=COLOURED, renewed=False)
-    if trial.value > model.value - COLOUR_GAIN:
+    trial = fit(replace(model, noise=noise), masks, max_iterations=COLOURED_FIT_ITERATIONS, refit_noise=False)
+    if trial.value > model.value - MIN_COLOUR_GAIN:
         return model
-    return fit(trial, masks, most=COLOURED)
+    return fit(trial, masks, max_iterations=COLOURED_FIT_ITERATIONS)
 
 
-def stands_in(after: Model, before: Model) -> bool:
-    """Whether torque noise wanders far more slowly now, and free runs err more: it stands in for friction, say."""
+def noise_replaces_law(after: Model, before: Model) -> bool:
+    """Whether the torque noise became far slower and the free-run error larger: it replaces friction, say."""
     now, then = after.noise.memory, before.noise.memory
-    return (now is not None and then is not None and 1.0 - now < SLOWER * (1.0 - then)
-            and runs_worse(after, before))
+    return (now is not None and then is not None and 1.0 - now < MAX_NOISE_RATE_RATIO * (1.0 - then)
+            and free_runs_clearly_worse(after, before))
 
 
-def runs_worse(after: Model, before: Model) -> bool:
-    """Whether free runs over the records that both were fitted to err clearly more."""
-    return _run_error(after) > (1.0 + WORSE) * _run_error(before)
+def free_runs_clearly_worse(after: Model, before: Model) -> bool:
+    """Whether the free-run error over the records of both fits is clearly larger."""
+    return _run_error(after) > (1.0 + MAX_RUN_ERROR_INCREASE) * _run_error(before)
 
 
 def _run_error(model: Model) -> float:
@@ -248,25 +259,26 @@ def _run_error(model: Model) -> float:
     return error if np.isfinite(error) else np.inf
 
 
-def _white_again(model: Model, problem: Problem, masks: Masks) -> Model:
-    """A model whose noise remembers, or the same under white noise where that leaves nothing that asks for more."""
+def _refit_with_white_noise(model: Model, problem: Problem, masks: Masks) -> Model:
+    """A model with AR(1) noise, or the same under white noise where that leaves white residuals."""
     noise = fit_ratio(problem, model.point, replace(model.noise, memory=None, slow=None), quick=True)
     white = replace(model, noise=noise)
     if looks_coloured(filtered(problem, white.point, noise, keep=False)):
         return model
-    trial = fit(white, masks, most=COLOURED)
-    return trial if trial.value < model.value + COLOUR_GAIN else model
+    trial = fit(white, masks, max_iterations=COLOURED_FIT_ITERATIONS)
+    return trial if trial.value < model.value + MIN_COLOUR_GAIN else model
 
 
-def likeliest_noise(model: Model, masks: Masks) -> Model:
-    """The model as it is under the likeliest noise of the samples of a mask: estimated near its own, or anywhere.
+def with_likeliest_noise(model: Model, masks: Masks) -> Model:
+    """The model as it is under the likeliest noise of the samples of a mask, from its own noise or a wide search.
 
-    On records that it was not fitted to: where parameters have absorbed the slow part of the torque noise, next to
-    none is left of it, and from there no way leads back to what other records have.
+    For records that it was not fitted to: parameters may have absorbed the slow torque noise of the training
+    records, and a local search from a noise of almost zero does not find that of other records.
     """
-    problem = counted(model.problem, masks)
-    tried = [fit_ratio(problem, model.point, model.noise, None if model.noise.memory else model.noise.ratio)]
+    problem = masked_problem(model.problem, masks)
+    candidates = [fit_ratio(problem, model.point, model.noise, None if model.noise.memory else model.noise.ratio)]
     if model.noise.memory is None:
-        tried.append(replace(first_noise(model.problem, model.point, masks), scale=model.noise.scale))
-    value, _, noise = min((judge(model.problem, model.point, n, masks), i, n) for i, n in enumerate(tried))
+        candidates.append(replace(initial_noise(model.problem, model.point, masks), scale=model.noise.scale))
+    value, _, noise = min((masked_loss(model.problem, model.point, n, masks), i, n)
+                          for i, n in enumerate(candidates))
     return replace(model, noise=noise, value=value)

@@ -1,7 +1,6 @@
-"""Takes models and samples that they were not fitted to.
+"""Cross-validation: models on samples that they were not fitted to.
 
-It gives scores, gains and evidence, and free runs over blocks of data held out. It also tells whether records held
-out differ.
+It gives scores, gains and evidence, free runs over held-out blocks, and a test whether held-out records differ.
 """
 
 import lazy_loader

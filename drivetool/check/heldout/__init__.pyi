@@ -2,30 +2,30 @@ from .between_records import (
     Change as Change,
     change_between as change_between,
     finding_of as finding_of,
-    told_apart as told_apart,
+    records_differ_text as records_differ_text,
 )
 from .folds import blocks_of as blocks_of
 from .free_run_error import (
-    Forecast as Forecast,
+    FreeRuns as FreeRuns,
     blocks_under_test as blocks_under_test,
-    exact as exact,
-    forecast as forecast,
+    exact_to_rounding as exact_to_rounding,
     gain_by_blocks as gain_by_blocks,
     gain_of as gain_of,
+    held_out_free_runs as held_out_free_runs,
     unexplained_percent as unexplained_percent,
 )
-from .noise_run import error_by_noise as error_by_noise
+from .parametric_bootstrap import error_by_noise as error_by_noise
 from .samples import Split as Split, split_of as split_of
 from .scores import (
-    LOOKS as LOOKS,
-    ONE_OFF as ONE_OFF,
+    ONE_OFF_SUFFIXES as ONE_OFF_SUFFIXES,
+    SCANNED_VALUES as SCANNED_VALUES,
     Fold as Fold,
     Score as Score,
-    extended as extended,
     folds_of as folds_of,
     in_one_place as in_one_place,
     lead_in_blocks as lead_in_blocks,
-    price_of as price_of,
+    over_all_records as over_all_records,
+    scan_price as scan_price,
     score as score,
     total_evidence as total_evidence,
 )

@@ -1,4 +1,4 @@
-"""How well models foretell records they were not fitted to: free runs over held-out blocks."""
+"""Free-run error of models on held-out blocks."""
 
 from __future__ import annotations
 
@@ -7,21 +7,22 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from drivetool.check.fit import Model, Remainder
+from drivetool.check.fit import Model, ResidualTests
 from drivetool.check.heldout.folds import blocks_of
 from drivetool.check.heldout.samples import Samples
 from drivetool.check.heldout.scores import Fold
 from drivetool.check.outcome import Gain
 from drivetool.drive.simulation import Trace
-from drivetool.identify.estimate import explains, fit_percent
+from drivetool.identify.estimate import explains_to_rounding, fit_percent
 from drivetool.identify.fit import free_run
 from drivetool.identify.noise import filtered
 
-AWAY = 1e3  # times the largest measured value: a run that is further off has diverged
+# Times the largest measured value: a free run beyond has diverged, and its square may overflow.
+DIVERGENCE_RATIO = 1e3
 
 
 @dataclass(frozen=True)
-class Forecast:
+class FreeRuns:
     """Free runs over the test blocks: per block measured and simulated (n,) of the first output."""
 
     measured: tuple[np.ndarray, ...]
@@ -48,66 +49,66 @@ def blocks_under_test(fold: Fold | Samples, traces: Sequence[Trace]) -> list[Tra
     """The blocks of a fold's test samples in which the first sensor has a value, as traces of their own."""
     return [replace(traces[i], inputs=traces[i].inputs[a:b], outputs=traces[i].outputs[a:b],
                     origin=traces[i].origin + a * traces[i].step, lead=traces[i].inputs[:a])
-            for i, a, b in _places(fold, traces)]
+            for i, a, b in _test_blocks(fold, traces)]
 
 
-def _places(fold: Fold | Samples, traces: Sequence[Trace]) -> list[tuple[int, int, int]]:
+def _test_blocks(fold: Fold | Samples, traces: Sequence[Trace]) -> list[tuple[int, int, int]]:
     """(trace, first sample, end) of the blocks of a fold's test samples in which the first sensor has a value."""
     return [(i, a, b) for i, a, b in blocks_of(traces)
             if fold.test[i][a:b].mean() > 0.5 and np.isfinite(traces[i].outputs[a:b, 0]).any()]
 
 
-def turned(model: Model, fold: Fold) -> list[np.ndarray]:
-    """Per block of test samples the state that the model, run on from block to block, has where it begins.
+def block_start_states(model: Model, fold: Fold) -> list[np.ndarray]:
+    """Per block of test samples the model's filtered state at its start.
 
-    Where a torque depends on an angle that nobody measures, only this says how far the drive has turned: from
-    nothing, the start of a ripple of several orders would be found in another of its valleys. Empty elsewhere.
+    Where a torque depends on an angle without a sensor, only this gives the angle: fitted from zero, the start of a
+    ripple of several orders would end in a local optimum. Empty elsewhere.
     """
     problem, roles = model.problem, model.task.roles.outputs
     states = problem.states
     if "angle" not in states or any(role.endswith("angle") for role in roles):
         return []
     passes = filtered(problem, model.point, model.noise)
-    return [passes[i].states[a, :len(states)].copy() for i, a, _ in _places(fold, problem.traces)]
+    return [passes[i].states[a, :len(states)].copy() for i, a, _ in _test_blocks(fold, problem.traces)]
 
 
-def forecast(models: Sequence[Model], folds: Sequence[Fold]) -> Forecast:
-    """Free runs of what was trained in each fold over the blocks it has not seen; only starts are fitted."""
+def held_out_free_runs(models: Sequence[Model], folds: Sequence[Fold]) -> FreeRuns:
+    """Free runs of the model of each fold over its held-out blocks; only start states are fitted."""
     measured, simulated = [], []
     for model, fold in zip(models, folds, strict=True):
         traces = blocks_under_test(fold, model.problem.traces)
         if not traces:
             continue
-        _, _, runs = free_run(model.fitted, traces, model.noise, turned(model, fold))
+        _, _, runs = free_run(model.fitted, traces, model.noise, block_start_states(model, fold))
         measured += [t.outputs[:, 0] for t in traces]
-        simulated += [_bounded(r[:, 0], t.outputs[:, 0]) for t, r in zip(traces, runs, strict=True)]
-    return Forecast(tuple(measured), tuple(simulated))
+        simulated += [_clipped_run(r[:, 0], t.outputs[:, 0]) for t, r in zip(traces, runs, strict=True)]
+    return FreeRuns(tuple(measured), tuple(simulated))
 
 
-def exact(model: Model) -> bool:
-    """Whether free runs of a model over whole records leave rounding alone of the first output."""
+def exact_to_rounding(model: Model) -> bool:
+    """Whether free runs of a model over whole records reproduce the first output to rounding."""
     traces = model.problem.traces
-    return explains(traces, free_run(model.fitted, traces, model.noise)[2])
+    return explains_to_rounding(traces, free_run(model.fitted, traces, model.noise)[2])
 
 
-def _bounded(simulated: np.ndarray, measured: np.ndarray) -> np.ndarray:
-    """A run (n,) that has diverged, off by AWAY times what was measured: the square of more is no number."""
-    limit = AWAY * max(float(np.nanmax(np.abs(measured), initial=0.0)), 1e-300)
+def _clipped_run(simulated: np.ndarray, measured: np.ndarray) -> np.ndarray:
+    """A run (n,), limited to DIVERGENCE_RATIO times the measured maximum: beyond, its square may overflow."""
+    limit = DIVERGENCE_RATIO * max(float(np.nanmax(np.abs(measured), initial=0.0)), 1e-300)
     return np.clip(np.nan_to_num(simulated, nan=limit), -limit, limit)
 
 
-def gain_of(before: Forecast, after: Forecast, unit: str, segment: float, floor: float,
+def gain_of(before: FreeRuns, after: FreeRuns, unit: str, segment: float, floor: float,
             unexplained: float) -> Gain:
-    """The gain between two forecasts of the same blocks."""
+    """The gain between the free runs of two models over the same blocks."""
     return gain_by_blocks((before.rmse, after.rmse), (before.fit, after.fit), [before.squares, after.squares], unit,
                           segment, floor, unexplained)
 
 
 def gain_by_blocks(errors: tuple[float, float], fits: tuple[float, float], squares: Sequence[np.ndarray], unit: str,
                    segment: float, floor: float, unexplained: float) -> Gain:
-    """The gain between two models, before and after, with its scatter over the blocks that both are judged by.
+    """The gain between two models, before and after, with its scatter over the common test blocks.
 
-    A root's change is that of its square over twice itself: so the scatter over blocks becomes a standard error.
+    The delta method turns the scatter of squares into that of roots: d sqrt(q) = dq / (2 sqrt(q)).
 
     errors   rms over all blocks; fits: in per cent; squares: (blocks,) mean squared errors each
     """
@@ -122,7 +123,7 @@ def _std_of_mean(values: np.ndarray) -> float:
     return float(np.std(values, ddof=1) / np.sqrt(len(values))) if len(values) > 1 else np.nan
 
 
-def unexplained_percent(gain: float, left: Remainder) -> float:
-    """Share of the likelihood to be had that is still to be had, in per cent."""
+def unexplained_percent(gain: float, left: ResidualTests) -> float:
+    """Share of the attainable log likelihood that is still missing, in per cent."""
     total = max(gain, 0.0) + left.total
     return float(100.0 * left.total / total) if total > 0.0 else 0.0

@@ -14,16 +14,16 @@ from drivetool.drive.simulation import Trace
 from drivetool.identify.setup import Roles, traces_of
 from drivetool.logs import Experiment
 
-BEGINNING = 0.1  # s, at least
-PERIODS = 2.0  # of the slowest resonance or anti-resonance, after which a start state is told
-MOST = 0.5  # of a block that a beginning may take
+MIN_TRANSIENT = 0.1  # s. A choice: the least time for a start state without resonances
+TRANSIENT_PERIODS = 2.0  # of the slowest resonance or anti-resonance, after which a start state is identifiable
+MAX_TRANSIENT_SHARE = 0.5  # of a block. A choice: half of it must stay for the test
 
 
 class Samples(NamedTuple):
     """Per trace a mask (n,) of samples of one fold.
 
-    train  that a model is fitted to; test: that it is judged by
-    again  the test samples and what the start states need: to fit a model to those
+    train  that a model is fitted to; test: that it is tested on
+    again  the test samples and the initial transients: to fit a model to those
     """
 
     train: list[np.ndarray]
@@ -33,12 +33,12 @@ class Samples(NamedTuple):
 
 @dataclass(frozen=True)
 class Split:
-    """What is fitted to, and what judges.
+    """Training and test data.
 
     traces       of all records, those that are held out last; experiments: the records
     fitted       number of traces that are fitted to
     folds        the samples of every fold
-    heads        (traces held out,) samples that tell where each begins
+    heads        (traces held out,) number of samples of the initial transient
     """
 
     traces: tuple[Trace, ...]
@@ -49,12 +49,12 @@ class Split:
 
     @property
     def held_out(self) -> bool:
-        """Whether records are held out; else each half of the blocks of all judges what the other trained."""
+        """Whether records are held out; else each half of the blocks tests the model of the other half."""
         return self.fitted < len(self.traces)
 
     @property
     def held(self) -> list[np.ndarray]:
-        """Per trace (n,) the samples of records that only judge; none where halves judge in turn."""
+        """Per trace (n,) the samples of held-out records; none where two halves are used."""
         return [np.full(t.size, i >= self.fitted) for i, t in enumerate(self.traces)] if self.held_out else []
 
 
@@ -64,7 +64,7 @@ def split_of(experiments: Sequence[Experiment], train: int, drive: Drive, roles:
     train  number of the records that are fitted to, the first ones
     """
     traces = traces_of(experiments, roles)
-    heads = beginnings(traces, drive)
+    heads = initial_transients(traces, drive)
     if train == len(experiments):
         first, second = halves(traces)
         pairs, count = [(second, first), (first, second)], len(traces)
@@ -78,13 +78,12 @@ def split_of(experiments: Sequence[Experiment], train: int, drive: Drive, roles:
     return Split(traces, tuple(experiments), count, folds, tuple(int(b.sum()) for b in heads[count:]))
 
 
-def beginnings(traces: Sequence[Trace], drive: Drive) -> list[np.ndarray]:
-    """The first samples of every trace, which tell its start state: everybody's for training, never tested.
+def initial_transients(traces: Sequence[Trace], drive: Drive) -> list[np.ndarray]:
+    """The first samples of every trace, which identify its start state: in all training sets, never tested.
 
-    A start state that its own samples do not tell would be chosen by what comes long after, and spoil the rest of
-    the first block.
+    A start state without these samples would be fitted to later ones, and worsen the rest of the first block.
     """
     slowest = min((mode.frequency_hz for mode in resonances(drive)), default=np.inf)
     _, first, last = blocks_of(traces)[0]
-    seconds, most = max(BEGINNING, PERIODS / slowest), MOST * (last - first)
-    return [np.arange(t.size) < max(20, round(min(seconds / t.step, most))) for t in traces]
+    seconds, longest = max(MIN_TRANSIENT, TRANSIENT_PERIODS / slowest), MAX_TRANSIENT_SHARE * (last - first)
+    return [np.arange(t.size) < max(20, round(min(seconds / t.step, longest))) for t in traces]

@@ -1,4 +1,4 @@
-"""Causes judged on samples that they were not fitted to."""
+"""Cross-validation scores of causes, on samples that they were not fitted to."""
 
 from __future__ import annotations
 
@@ -12,38 +12,43 @@ from drivetool.check.causes import FITTED
 from drivetool.check.fit import (
     Masks,
     Model,
-    everything,
+    all_samples,
     few_steps,
     fit,
-    judge,
-    likeliest_noise,
-    losses,
-    over,
-    spread,
-    unlikely,
+    masked_loss,
+    neg_log_p_corrected,
+    over_traces,
+    sample_losses,
+    sensor_variance,
+    with_likeliest_noise,
 )
-from drivetool.check.heldout.allowance import allowed
 from drivetool.check.heldout.folds import blocks_of
+from drivetool.check.heldout.laplace_evidence import loss_with_uncertainty
 from drivetool.check.heldout.samples import Samples, Split
 from drivetool.identify.noise import filtered
 from drivetool.identify.problem import Point
 from drivetool.identify.setup import first_states, problem_of
 
-ONE_OFF = tuple(suffix for cause in FITTED for suffix in cause.located)
-SEARCHED = tuple(suffix for cause in FITTED for suffix in cause.searched)
-LOOKS = 1000  # instants, or orders of a ripple, that a record can tell apart, about
-INEXACT = 0.03  # of what the causes before gained, that an inexact law of theirs may leave
-ALONE = 0.75  # of what a cause gains, that may lie in one block
-SURELY = 2.0  # standard errors of a gain on data held out, or times what blocks lose by it that the others gain
-LITTLE = 4.0  # log likelihood that they must gain, whatever none of them loses
-BAD = 20.0  # log likelihood that a block loses, from which what is not known of the parameters is allowed for
-REFIT = 6  # rounds of a fit to some samples, from that to all of them
-STEPS = 8  # of the start state of a record held out
+ONE_OFF_SUFFIXES = tuple(suffix for cause in FITTED for suffix in cause.located)
+SEARCHED_SUFFIXES = tuple(suffix for cause in FITTED for suffix in cause.searched)
+SCANNED_VALUES = 1000  # instants, or orders of a ripple, that a record can distinguish, about: the price of a scan
+# Of the gain of the causes before, that their inexact laws may still leave. A choice: laws are exact to a few
+# per cent.
+INEXACT_LAW_SHARE = 0.03
+MAX_ONE_BLOCK_SHARE = 0.75  # of a cause's gain in one block. A choice: a law acts in several
+# Standard errors of a held-out gain, or gain of the other blocks over the loss of those that lose: about 95 %.
+GAIN_SIGNIFICANCE = 2.0
+MIN_CONSISTENT_GAIN = 4.0  # log likelihood of all blocks but the best. A choice: e^4 = 55 to one
+# Log likelihood that a block loses, from which parameter uncertainty is taken into account (a choice: smaller
+# losses are the usual scatter, and the marginal likelihood costs a fit).
+MAX_BLOCK_LOSS = 20.0
+REFIT_ITERATIONS = 6  # a choice: of a fit to some samples, from that to all of them
+START_STATE_STEPS = 8  # a choice: of the start state of a held-out record, with nothing else free
 
 
 @dataclass(frozen=True)
 class Score:
-    """What a cause is worth on data held out.
+    """The gain of a cause on held-out data.
 
     gains     (blocks,) log likelihood per block over the base fitted to the same samples
     evidence  per fold: log likelihood ratio against the best that the base can do on the test samples
@@ -73,22 +78,23 @@ class Score:
 
     @property
     def sure(self) -> bool:
-        """Whether blocks tell that there is a gain by two standard errors, or agree on it without the best of them.
+        """Whether the gain is significant by two standard errors, or the blocks agree on it without the best one.
 
-        A law shows where the motion asks for it: that one block gains far more than the others scatters, but is no
-        doubt. A block that loses is.
+        A law acts where the motion excites it: one block of far larger gain adds scatter, but no doubt. A block
+        that loses does.
         """
         rest = np.sort(self.gains)[:-1]
-        # The standard error of the sum by one half of the scatter only, of which blocks that gain say nothing.
+        # The standard error of the sum from the losing half of the scatter only.
         lost = np.sqrt(2.0 * np.sum(np.minimum(rest, 0.0) ** 2))
-        return bool(self.gain >= SURELY * self.gain_std or rest.sum() > max(SURELY * lost, LITTLE))
+        return bool(self.gain >= GAIN_SIGNIFICANCE * self.gain_std
+                    or rest.sum() > max(GAIN_SIGNIFICANCE * lost, MIN_CONSISTENT_GAIN))
 
 
 @dataclass(frozen=True)
 class Fold:
-    """Training and test samples, and what the base makes of them.
+    """Training and test samples, and the base fitted to each.
 
-    again    the test samples and what start states need
+    again    the test samples and the initial transients
     trained  the base fitted to the training samples, over all records; best: least -log likelihood of the test
              samples that the base reaches when it is fitted to them, its noise included
     """
@@ -101,31 +107,33 @@ class Fold:
 
 
 def folds_of(base: Model, split: Split) -> tuple[Fold, ...]:
-    """The folds with what the base makes of them; base: fitted to all training samples."""
-    def fold(its: Samples) -> Fold:
-        trained = trained_on(base, split, its)
-        keep = [i for i, mask in enumerate(its.test) if mask.any()] if split.held_out else range(len(its.test))
-        masks = [its.again[i] for i in keep]
-        own = fit(likeliest_noise(over(trained, keep), masks), masks, most=REFIT)
-        return Fold(*its, trained, judge(own.problem, own.point, own.noise, [its.test[i] for i in keep]))
+    """The folds with the base fitted in each; base: fitted to all training samples."""
+    def fold(samples: Samples) -> Fold:
+        trained = train_on(base, split, samples)
+        keep = ([i for i, mask in enumerate(samples.test) if mask.any()] if split.held_out
+                else range(len(samples.test)))
+        masks = [samples.again[i] for i in keep]
+        own = fit(with_likeliest_noise(over_traces(trained, keep), masks), masks, max_iterations=REFIT_ITERATIONS)
+        return Fold(*samples, trained,
+                    masked_loss(own.problem, own.point, own.noise, [samples.test[i] for i in keep]))
 
     with ThreadPoolExecutor(len(split.folds)) as pool:
         return tuple(pool.map(fold, split.folds))
 
 
-def trained_on(model: Model, split: Split, its: Samples) -> Model:
-    """A model over all records as the training samples of a fold have it; model: fitted to those of all folds.
+def train_on(model: Model, split: Split, samples: Samples) -> Model:
+    """A model over all records, fitted to the training samples of a fold; model: fitted to those of all folds.
 
-    Of records that are held out the start states alone are found, each from its beginning. The noise is that of
-    all training samples.
+    Of held-out records only the start states are fitted, each to its initial transient. The noise is that of all
+    training samples.
     """
     if split.held_out:
-        return extended(model, split)
-    return fit(located(model), its.train, most=REFIT, renewed=False)
+        return over_all_records(model, split)
+    return fit(with_event_time_held(model), samples.train, max_iterations=REFIT_ITERATIONS, refit_noise=False)
 
 
-def extended(model: Model, split: Split) -> Model:
-    """The model over all records; the start states of those held out as their beginnings tell them."""
+def over_all_records(model: Model, split: Split) -> Model:
+    """The model over all records; start states of held-out records are fitted to their initial transients."""
     if not split.held_out:
         return model
     task = replace(model.task, experiments=split.experiments)
@@ -133,20 +141,21 @@ def extended(model: Model, split: Split) -> Model:
     drive, starts = model.fitted.drive, list(model.point.starts)
     for trace, head in zip(split.traces[split.fitted:], split.heads, strict=True):
         short = replace(trace, inputs=trace.inputs[:head], outputs=trace.outputs[:head])
-        alone = problem_of(drive, (), task.roles, (short,))
+        problem = problem_of(drive, (), task.roles, (short,))
         start = first_states(drive, task.roles, (trace,), task.free)
-        told = few_steps(replace(model, problem=alone, point=Point(np.empty(0), start)), everything(alone), STEPS)
-        starts += told.point.starts
+        fitted = few_steps(replace(model, problem=problem, point=Point(np.empty(0), start)), all_samples(problem),
+                           START_STATE_STEPS)
+        starts += fitted.point.starts
     return replace(model, task=task, problem=whole, point=Point(model.point.values, tuple(starts)))
 
 
-def located(model: Model) -> Model:
+def with_event_time_held(model: Model) -> Model:
     """The model with the instant of a one-off event held.
 
-    An event happens once, and so does a warm-up: training samples that lie apart from it cannot say when, or
-    how long it took, so that is found in the whole record.
+    An event happens once, and so does a warm-up: training samples far from it do not identify its time, or
+    its duration, so these are found in the whole record.
     """
-    names = [n for n in model.task.free if n.endswith(ONE_OFF)]
+    names = [n for n in model.task.free if n.endswith(ONE_OFF_SUFFIXES)]
     if not names:
         return model
     task = replace(model.fitted, free=tuple(n for n in model.task.free if n not in names))
@@ -156,30 +165,30 @@ def located(model: Model) -> Model:
     return Model(model.code, task, problem, point, model.noise, model.value)
 
 
-def price_of(model: Model, base: Model) -> float:
-    """Log of how many values of its searched parameters the whole record was looked at for, zero without any.
+def scan_price(model: Model, base: Model) -> float:
+    """Log of the number of values at which a model's parameters were scanned over the whole record, zero without.
 
-    A fit to the training samples begins at the best of them, and stays at that peak: so chance in the
-    test samples has had a say in it, which is taken off.
+    A fit to the training samples starts at the best of them and stays at that optimum, which noise of the test
+    samples helped to select: the price corrects this.
     """
     new = [n for n in model.task.free if n not in base.task.free]
-    return float(np.log(LOOKS)) * sum(n.endswith(SEARCHED) for n in new)
+    return float(np.log(SCANNED_VALUES)) * sum(n.endswith(SEARCHED_SUFFIXES) for n in new)
 
 
 def score(model: Model, base: Model, folds: Sequence[Fold], split: Split) -> Score:
-    """Fit a cause to the training samples of every fold and judge it on the test samples.
+    """Fit a cause to the training samples of every fold and score it on the test samples.
 
     base  that lacks it; folds: of that
     """
     gains, evidence, training, trained = [], [], [], []
-    price, lead = price_of(model, base), base.value - model.value
-    for fold, its in zip(folds, split.folds, strict=True):
-        own, value = trained_on(model, split, its), 0.0
-        for block, mine, theirs in _blocks_of(own, fold.trained, fold):
-            if np.isfinite(mine) and theirs - mine < -BAD:
-                mine = allowed(own, fold.train, block, mine)
-            gains.append(theirs - mine)
-            value += mine
+    price, lead = scan_price(model, base), base.value - model.value
+    for fold, samples in zip(folds, split.folds, strict=True):
+        own, value = train_on(model, split, samples), 0.0
+        for block, loss, base_loss in _blocks_of(own, fold.trained, fold):
+            if np.isfinite(loss) and base_loss - loss < -MAX_BLOCK_LOSS:
+                loss = loss_with_uncertainty(own, fold.train, block, loss)
+            gains.append(base_loss - loss)
+            value += loss
         evidence.append(fold.best - value - price if np.isfinite(value) else -np.inf)
         training.append(own.value)
         trained.append(own)
@@ -190,15 +199,15 @@ def score(model: Model, base: Model, folds: Sequence[Fold], split: Split) -> Sco
 def lead_in_blocks(one: Model, other: Model, fold: Fold) -> list[float]:
     """(blocks,) log likelihood of the test samples by one model over that by another, both trained in the fold.
 
-    Where one fails badly, what is not known of its parameters is allowed for.
+    Where one fails badly, its parameter uncertainty is taken into account.
     """
     leads = []
-    for block, mine, theirs in _blocks_of(one, other, fold):
-        lead = theirs - mine
-        if lead < -BAD:
-            lead = theirs - allowed(one, fold.train, block, mine)
-        elif lead > BAD:
-            lead = allowed(other, fold.train, block, theirs) - mine
+    for block, loss, other_loss in _blocks_of(one, other, fold):
+        lead = other_loss - loss
+        if lead < -MAX_BLOCK_LOSS:
+            lead = other_loss - loss_with_uncertainty(one, fold.train, block, loss)
+        elif lead > MAX_BLOCK_LOSS:
+            lead = loss_with_uncertainty(other, fold.train, block, other_loss) - loss
         leads.append(lead)
     return leads
 
@@ -206,7 +215,7 @@ def lead_in_blocks(one: Model, other: Model, fold: Fold) -> list[float]:
 def _blocks_of(one: Model, other: Model, fold: Fold) -> list[tuple[Masks, float, float]]:
     """The test samples of each block, and their -log likelihood by both models."""
     found = []
-    losses_of = [predicted(m, fold) for m in (one, other)]
+    losses_of = [predicted_losses(m, fold) for m in (one, other)]
     for i, a, b in blocks_of(one.problem.traces):
         block = [np.zeros_like(m) for m in fold.test]
         block[i][a:b] = fold.test[i][a:b]
@@ -215,17 +224,17 @@ def _blocks_of(one: Model, other: Model, fold: Fold) -> list[tuple[Masks, float,
     return found
 
 
-def predicted(model: Model, fold: Fold) -> list[np.ndarray]:
-    """Per trace (n,) -log likelihood of every sample, noise as the training samples had it."""
+def predicted_losses(model: Model, fold: Fold) -> list[np.ndarray]:
+    """Per trace (n,) -log likelihood of every sample, under the noise of the training samples."""
     with np.errstate(over="ignore", invalid="ignore"):
         passes = filtered(model.problem, model.point, model.noise, keep=False)
-        return losses(passes, spread(passes, fold.train))
+        return sample_losses(passes, sensor_variance(passes, fold.train))
 
 
-def evidence(scores: Sequence[Score]) -> float:
-    """Natural log of the average over folds of the likelihood ratio of the cause that trained best.
+def evidence_ratio(scores: Sequence[Score]) -> float:
+    """Natural log of the average over folds of the likelihood ratio of the cause with the best training fit.
 
-    Choosing by the training samples costs nothing: in expectation the ratio is at most one for
+    Choosing by the training samples needs no correction: the expected ratio is at most one for
     every choice, so above 1/a it is wrong in a share a of records at most (Wasserman, Ramdas,
     Balakrishnan 2020, Universal inference).
     """
@@ -239,25 +248,26 @@ def evidence(scores: Sequence[Score]) -> float:
     return float(top + np.log(np.mean(np.exp(np.array(ratios) - top)))) if np.isfinite(top) else -np.inf
 
 
-def surprise(one: Score, gained: float = 0.0) -> float:
-    """Natural log of one over the share of records without any cause in which the search leads by as much.
+def training_evidence(one: Score, gained: float = 0.0) -> float:
+    """-ln of the p-value of the lead on the training samples, corrected for the whole search.
 
-    The lead on the samples that were fitted is chi-square there (Wilks 1938), and everything that was
-    looked at counts (Bonferroni). It shows effects half as large as the ratio on data held out does,
-    but only the latter is right whatever the base got wrong: so the data held out must agree, and
-    the lead must stand out from what was `gained` before, of which no law is exact.
+    Twice the lead is chi-square without a cause (Wilks 1938), times the number of hypotheses searched (Bonferroni).
+    It detects effects half as large as the held-out ratio does, but only the latter is valid for a wrong base.
+    So the held-out data must agree, and the lead must exceed a share of what was `gained` before: no law is exact.
     """
-    if one.gain < one.gain_std or one.lead < INEXACT * gained:
+    if one.gain < one.gain_std or one.lead < INEXACT_LAW_SHARE * gained:
         return -np.inf
-    return unlikely(one.lead, one.further)
+    return neg_log_p_corrected(one.lead, one.further)
 
 
 def in_one_place(one: Score, base: Model) -> bool:
-    """Whether one block has nearly all that a cause gains, though it is no event that happens once."""
+    """Whether one block has nearly all of a cause's gain, though the cause is no single event."""
     new = [n for n in one.model.task.free if n not in base.task.free]
-    return not any(n.endswith(ONE_OFF) for n in new) and float(one.gains.max()) > ALONE * one.gain
+    return not any(n.endswith(ONE_OFF_SUFFIXES)
+                   for n in new) and float(one.gains.max()) > MAX_ONE_BLOCK_SHARE * one.gain
 
 
 def total_evidence(scores: Sequence[Score], gained: float = 0.0) -> float:
-    """Natural log of the evidence for there being a cause at all, by either way."""
-    return max([evidence(scores), *(surprise(s, gained) for s in scores)], default=-np.inf) - np.log(2.0)
+    """Natural log of the evidence for any cause: the larger of held-out ratio and training significance."""
+    return max([evidence_ratio(scores), *(training_evidence(s, gained) for s in scores)],
+               default=-np.inf) - np.log(2.0)

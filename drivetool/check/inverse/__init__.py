@@ -1,4 +1,4 @@
-"""Diagnosis where the motion is imposed: the torque that it asks for is the judge.
+"""Diagnosis where the motion is imposed: by the error of the required torque (inverse dynamics).
 
 It takes the same options and returns the same diagnosis as the search by simulation.
 """

@@ -1,7 +1,7 @@
-"""Diagnose where the motion is imposed: which cause makes a drive ask for the torque that was logged.
+"""Diagnose where the motion is imposed: which cause makes the required torque equal the logged one.
 
-Rounds, candidates and rules are those of a diagnosis by simulation. The judge is another one: the error of the
-torque over samples that no fit has seen.
+Rounds, candidates and rules are those of a diagnosis by simulation. The criterion differs: the error of the
+required torque over held-out samples.
 """
 
 from __future__ import annotations
@@ -14,60 +14,67 @@ from types import MappingProxyType
 import numpy as np
 
 from drivetool.check.causes import CAUSES, Cause
-from drivetool.check.fit import BROKEN, TRIFLE, Model
+from drivetool.check.fit import FIT_ERRORS, MIN_TESTABLE_GAIN, Model
 from drivetool.check.heldout import (
-    ONE_OFF,
+    ONE_OFF_SUFFIXES,
     Score,
     Split,
     blocks_of,
     gain_by_blocks,
-    price_of,
+    scan_price,
     split_of,
     total_evidence,
 )
-from drivetool.check.inverse.exhibits import torque_exhibits
-from drivetool.check.inverse.explanation import Explanation, Records, best_on, explanation, left_by_laws, records_of
+from drivetool.check.inverse.cross_validated_fit import (
+    CrossValidatedFit,
+    Records,
+    best_test_loss,
+    cross_validated_fit,
+    gain_of_missing_laws,
+    records_of,
+)
+from drivetool.check.inverse.plot_data import torque_plots
 from drivetool.check.outcome import UNLISTED, CandidateResult, DiagnoseOptions, Diagnosis, Facts, Gain, Round
-from drivetool.check.search import Decision, Found, decide, law_of, why_absent
+from drivetool.check.search import Decision, SelectedCauses, decide, law_of, why_absent
 from drivetool.check.starts import Start
-from drivetool.check.verdict import candidates_of, experiment_of, judged, sentence_of, sizes_of
-from drivetool.drive import AT, TOTALS, Drive
+from drivetool.check.verdict import apply_rules, candidate_plots, experiment_of, sentence_of, sizes_of
+from drivetool.drive import RECORD_MARK, TOTALS, Drive
 from drivetool.errors import BadOption, BadParameters, Finding, NotEnoughData
 from drivetool.identify.estimate import Estimate, Parameter
-from drivetool.identify.fit import apart
+from drivetool.identify.fit import with_friction_parts
 from drivetool.identify.inverse import (
-    WEAK,
-    Inverse,
-    askable,
+    MIN_FIRST_STAGE_F,
+    InverseRegression,
+    check_inverse_options,
+    first_stage_f,
     greybox_by_inverse,
-    recorded,
-    strength,
+    regression_of,
     with_instruments,
 )
-from drivetool.identify.motion import ROUNDED, reference_of
+from drivetool.identify.motion import CONSTANT_TORQUE_TOLERANCE, reference_of
 from drivetool.identify.noise import Noise
 from drivetool.identify.setup import Options, Roles, Task, first_point, roles_of
 from drivetool.logs import Experiment
 
-# Log likelihood that was gained before, beside which no lead on the samples of the fit counts: what a law leaves of
-# a torque is no noise but other laws, and data held out alone are evidence.
-ALL_GAINED = np.inf
-FEWEST = 2  # blocks: one does not say how much they scatter
-BY_SIMULATION = "a torque that an imposed motion asks for does not tell it; a diagnosis by simulation does"
+# Log likelihood gained before, which makes any lead on the training samples count for nothing: the torque residual
+# is other laws, not noise, and only held-out data are evidence.
+UNLIMITED_GAIN = np.inf
+MIN_TEST_BLOCKS = 2  # one block gives no scatter
+NEEDS_SIMULATION = "inverse dynamics does not identify it; a diagnosis by simulation does"
 
 
 @dataclass(frozen=True)
 class Node:
     """The drive with the causes found so far.
 
-    model  the fit to all training samples as causes see it; elsewhere: where its own fit began, as long as no cause
-           was found: a base may have gone far to make up for what it lacks
+    model         the fit to all training samples, in the form that causes use
+    alternatives  the start of its own fit, as long as no cause was found: a base may be biased by a missing law
     """
 
     model: Model
-    fit: Explanation
-    elsewhere: tuple[Model, ...] = ()
-    found: Found = field(default_factory=Found)
+    fit: CrossValidatedFit
+    alternatives: tuple[Model, ...] = ()
+    found: SelectedCauses = field(default_factory=SelectedCauses)
     rounds: tuple[Round, ...] = ()
 
 
@@ -82,13 +89,15 @@ class Trial:
 
 def diagnose_by_inverse(experiments: Sequence[Experiment], drive: Drive, free: Sequence[str],
                         options: DiagnoseOptions, holdout: Sequence[Experiment] = (),
-                        begun: Mapping[str, float] = MappingProxyType({}), own: Sequence[str] = ()) -> Diagnosis:
-    """Find what the torque that a motion asks for lacks.
+                        initial_fit: Mapping[str, float] = MappingProxyType({}),
+                        own: Sequence[str] = ()) -> Diagnosis:
+    """Find laws that are missing in the required torque.
 
-    experiments  records with motor_torque and the motor's speed or angle; holdout: records that only judge, or
-                 none: then each half of the blocks judges what the other trained
-    drive, free  the base, fitted, and its fitted parameters; begun: values that its fit started from
-    own          names NAME@RECORD of what records held out have of their own: fitted to them, all else held
+    experiments  records with motor_torque and the motor's speed or angle; holdout: held-out records, or none: then
+                 each half of the blocks tests the fit to the other
+    drive, free  the base, fitted, and its fitted parameters; initial_fit: start values of its fit
+    own          names NAME@RECORD of parameters that held-out records have of their own: fitted to them, all else
+                 fixed
     raises       BadOption: a path between torque and body, sums of friction; BadParameters; NotEnoughData
     source       Gautier, Janot and Vandanjon 2013, cross validation of inverse dynamics; for rules
                  check/verdict/rules.py
@@ -98,167 +107,171 @@ def diagnose_by_inverse(experiments: Sequence[Experiment], drive: Drive, free: S
     if summed:
         raise BadOption("a base with the friction of each body for --criterion inverse", ", ".join(summed),
                         "Fit it with greybox --criterion inverse first.")
-    drive = apart(drive)
+    drive = with_friction_parts(drive)
     if not free:
         raise BadParameters("a base with fitted parameters", "none that was fitted",
                             "Run greybox --criterion inverse on a record of this drive first.")
-    asked = Options(criterion="inverse")
-    askable(drive, free, asked)
+    inverse_options = Options(criterion="inverse")
+    check_inverse_options(drive, free, inverse_options)
     logged = (*experiments, *holdout)
     if len({e.step for e in logged}) > 1:
         raise BadOption("recordings of one sampling rate for --criterion inverse", "several",
                         "Bring them to one with --condition 'decimate factor=N'.")
-    # What the base has of a record that only judges is fitted to that one, like what was asked for.
-    hashes = {n: drive.records.get(n.partition(AT)[2]) for n in free if AT in n}
-    trained, judging = ({e.sha256 for e in records} for records in (experiments, holdout))
-    own = tuple(dict.fromkeys((*own, *(n for n, sha in hashes.items() if sha in judging - trained))))
+    # A parameter that the base has for a held-out record is fitted to that record, like the requested ones.
+    hashes = {n: drive.records.get(n.partition(RECORD_MARK)[2]) for n in free if RECORD_MARK in n}
+    trained, tested = ({e.sha256 for e in records} for records in (experiments, holdout))
+    own = tuple(dict.fromkeys((*own, *(n for n, sha in hashes.items() if sha in tested - trained))))
     free = tuple(n for n in free if n not in own and (n not in hashes or hashes[n] in trained))
     roles = roles_of(logged, drive)
-    # How long a chain remembers is a matter of where its fit began: a base that lacks friction may ring for ever.
-    start = drive.with_values({n: v for n, v in begun.items() if n in free})
+    # The transient of a chain is that of the start values: a base that lacks friction may oscillate without end.
+    start = drive.with_values({n: v for n, v in initial_fit.items() if n in free})
     split = split_of(logged, len(experiments), drive, roles)
-    records = records_of(_motion_of(logged, start, free, roles), split, len(experiments), own)
-    node = first = _root(records, drive, tuple(free), roles, tuple(experiments))
-    if np.count_nonzero(first.fit.squares[1]) < FEWEST:
-        raise NotEnoughData(f"motion in at least {FEWEST} of the blocks that judge", "less",
-                            "Record longer, or leave --holdout away: then parts of the records judge each other.")
+    records = records_of(_inverse_problem(logged, start, free, roles), split, len(experiments), own)
+    node = first = _base_node(records, drive, tuple(free), roles, tuple(experiments))
+    if np.count_nonzero(first.fit.squares[1]) < MIN_TEST_BLOCKS:
+        raise NotEnoughData(f"motion in at least {MIN_TEST_BLOCKS} test blocks", "less",
+                            "Record longer, or leave out --holdout: then parts of the records test each other.")
     for number in range(options.rounds):
         budget = options.error_budget * 0.5 ** (number + 1)
-        node, more = _round(node, records, split, options.candidates or tuple(CAUSES), budget)
+        node, more = _run_round(node, records, split, options.candidates or tuple(CAUSES), budget)
         if not more:
             break
-    return _told(first, node, records, split, drive, roles, options)
+    return _diagnosis(first, node, records, split, drive, roles, options)
 
 
-def _motion_of(logged: Sequence[Experiment], drive: Drive, free: Sequence[str], roles: Roles) -> Inverse:
-    """The records with instruments from their reference, where that tells enough."""
+def _inverse_problem(logged: Sequence[Experiment], drive: Drive, free: Sequence[str],
+                     roles: Roles) -> InverseRegression:
+    """The records with instruments from their reference, where these are strong enough."""
     sensor = roles.outputs[0]
-    found = recorded(logged, drive, free, sensor, roles.inputs[1:])
+    found = regression_of(logged, drive, free, sensor, roles.inputs[1:])
     reference, _ = reference_of(logged, sensor)
     if reference is None:
         return found
-    given = with_instruments(found, sensor, reference)
-    return given if strength(given) > WEAK else found
+    instrumented = with_instruments(found, sensor, reference)
+    return instrumented if first_stage_f(instrumented) > MIN_FIRST_STAGE_F else found
 
 
-def _root(records: Records, drive: Drive, free: tuple[str, ...], roles: Roles,
+def _base_node(records: Records, drive: Drive, free: tuple[str, ...], roles: Roles,
           train: tuple[Experiment, ...]) -> Node:
-    """The base, fitted from where it is and from where the records were begun, whichever is likelier."""
-    begun = records.inverse.drive
-    fits = [explanation(records, drive, free)]
-    with suppress(*BROKEN):  # where its own fit began it may run away
-        fits.append(explanation(records, begun, free))
+    """The base, fitted from its values and from the start values of its own fit, whichever is likelier."""
+    initial = records.inverse.drive
+    fits = [cross_validated_fit(records, drive, free)]
+    with suppress(*FIT_ERRORS):  # from its start values it may diverge
+        fits.append(cross_validated_fit(records, initial, free))
     fit, task = min(fits, key=lambda f: f.own.mean), Task(drive, free, roles, train)
-    away = _model("base", task, replace(fit, whole=replace(fit.whole, drive=begun)))
-    return Node(_model("base", task, fit), fit, (away,))
+    alternative = _as_model("base", task, replace(fit, whole=replace(fit.whole, drive=initial)))
+    return Node(_as_model("base", task, fit), fit, (alternative,))
 
 
-def _model(code: str, task: Task, fit: Explanation) -> Model:
-    """A fit as the causes see it: they ask for drive, records and value, and for no filter."""
+def _as_model(code: str, task: Task, fit: CrossValidatedFit) -> Model:
+    """A fit in the form that causes use: drive, records and value, without a filter."""
     task = replace(task, drive=fit.whole.drive)
     problem = task.problem()
     return Model(code, task, problem, first_point(task.drive, problem, task.roles), Noise(1.0, None, np.ones(1)),
                  fit.own.training)
 
 
-def _round(node: Node, records: Records, split: Split, codes: Sequence[str], budget: float) -> tuple[Node, bool]:
-    """(the node with what the round found, whether that was anything).
+def _run_round(node: Node, records: Records, split: Split, codes: Sequence[str],
+               budget: float) -> tuple[Node, bool]:
+    """(the node with the cause that the round found, whether one was found).
 
     budget  share of records without a cause on which one may be found in this round
     """
     trials, fits = [], {}
     for code in codes:
-        trial = _tried(CAUSES[code], node, records)
-        fit = None if trial.model is None else _folded(trial.model, node, records)
+        trial = _best_trial(CAUSES[code], node, records)
+        fit = None if trial.model is None else _cross_validate(trial.model, node, records)
         if fit is not None:
             fits[code] = fit
         elif trial.model is not None:
             trial = replace(trial, model=None, line=CandidateResult(
-                code, law_of(trial.cause), "failed", reason="it runs away in parts of the records"))
+                code, law_of(trial.cause), "failed", reason="it diverges in parts of the records"))
         trials.append(trial)
-    # What the best of them leaves is as near to noise as the round comes: it says how many samples count.
+    # The residual of the best is closest to noise: it gives the number of independent samples.
     share = min([node.fit, *fits.values()], key=lambda f: f.own.mean).own.share
-    bests = [best_on(node.fit, records, k) for k in range(len(records.judges))]
+    bests = [best_test_loss(node.fit, records, k) for k in range(len(records.test_masks))]
     scores = [_score(t.model, node, fits[t.cause.code], bests, share) for t in trials if t.model is not None]
-    decision = decide(scores, budget, ALL_GAINED)
-    lines = _lines(trials, scores, decision, node)
+    decision = decide(scores, budget, UNLIMITED_GAIN)
+    lines = _candidate_results(trials, scores, decision, node)
     if decision.best is None:
         return replace(node, rounds=(*node.rounds, Round(None, lines))), False
     best, code = decision.best, decision.best.model.code
     found, fit = node.found, fits[code]
     new = tuple(n for n in best.model.task.free if n not in node.model.task.free)
-    general = [c for c in found.causes if c not in CAUSES[code].special]  # it contains those that are
-    found = Found((*general, code), {**found.rivals, code: tuple(c for c in decision.between if c != code)},
-                  {**found.evidence, code: decision.evidence}, {**found.added, code: new},
-                  found.gained + best.gain, found.sure | ({code} if best.sure else set()))
-    gain = _gain(node.fit, fit, records, split)
+    general = [c for c in found.causes if c not in CAUSES[code].special]  # it contains its special cases
+    found = SelectedCauses((*general, code),
+                           {**found.rivals, code: tuple(c for c in decision.between if c != code)},
+                           {**found.evidence, code: decision.evidence}, {**found.added, code: new},
+                           found.gained + best.gain, found.sure | ({code} if best.sure else set()))
+    gain = _torque_gain(node.fit, fit, records, split)
     return Node(replace(best.model, code="base"), fit, (), found, (*node.rounds, Round(code, lines, gain))), True
 
 
-def _tried(cause: Cause, node: Node, records: Records) -> Trial:
+def _best_trial(cause: Cause, node: Node, records: Records) -> Trial:
     """The likeliest fit of a cause to all training samples."""
     def absent(state: str, reason: str) -> Trial:
         return Trial(cause, line=CandidateResult(cause.code, law_of(cause), state, reason=reason))
 
     base = node.model
     if cause.imposed is None or len(base.task.drive.bodies) < cause.bodies:
-        return absent("not-shown", BY_SIMULATION)
-    starts = [start for model in (base, *node.elsewhere) for start in cause.imposed(model)]
+        return absent("not-shown", NEEDS_SIMULATION)
+    starts = [start for model in (base, *node.alternatives) for start in cause.imposed(model)]
     if not starts:
         return absent(*why_absent(cause, base))
-    models = [m for m in (_begun(cause, start, base, records) for start in starts) if m is not None]
+    models = [m for m in (_fit_from_start(cause, start, base, records) for start in starts) if m is not None]
     best = min(models, key=lambda m: m.value, default=None)
     if best is None:
-        return absent("failed", "no fit came to an end where it may be")
-    if base.value - best.value < TRIFLE:
+        return absent("failed", "no fit ended within its bounds")
+    if base.value - best.value < MIN_TESTABLE_GAIN:
         return absent("no-gain", "it does not make the records it is fitted to more likely")
     return Trial(cause, best)
 
 
-def _begun(cause: Cause, start: Start, base: Model, records: Records) -> Model | None:
-    """The fit of a cause from a start; None where it fails, or ends where its cause says that it is none."""
+def _fit_from_start(cause: Cause, start: Start, base: Model, records: Records) -> Model | None:
+    """The fit of a cause from a start; None where it fails, or ends outside its bounds or implausibly."""
     task = start.task
     try:
-        fit = explanation(records, task.drive, task.free, whole=True)
-        model = _model(cause.code, task, fit)
-    except BROKEN:
+        fit = cross_validated_fit(records, task.drive, task.free, whole=True)
+        model = _as_model(cause.code, task, fit)
+    except FIT_ERRORS:
         return None
     bounds = cause.bounds(base, task) if cause.bounds else {}
-    inside = all(low <= (fit.whole.drive.value(n) or 0.0) <= high for n, (low, high) in bounds.items())
-    plausible = inside and np.isfinite(model.value) and not (cause.implausible and cause.implausible(model, base))
+    within_bounds = all(low <= (fit.whole.drive.value(n) or 0.0) <= high for n, (low, high) in bounds.items())
+    plausible = within_bounds and np.isfinite(model.value) and not (
+        cause.implausible and cause.implausible(model, base))
     return model if plausible else None
 
 
-def _folded(model: Model, node: Node, records: Records) -> Explanation | None:
-    """The cause fitted to the training samples of every fold, None if it runs away where the node does not.
+def _cross_validate(model: Model, node: Node, records: Records) -> CrossValidatedFit | None:
+    """The cause fitted to the training samples of every fold, None if it diverges where the node does not.
 
-    When a one-off event was, all of the record tells.
+    The time of a single event is held at its estimate from the whole record.
     """
-    held = {n for n in model.task.free if n.endswith(ONE_OFF) and n not in node.model.task.free}
-    free = tuple(n for n in model.task.free if n not in held)
-    with suppress(*BROKEN):
-        fit = explanation(records, model.task.drive, free)
+    event_times = {n for n in model.task.free if n.endswith(ONE_OFF_SUFFIXES) and n not in node.model.task.free}
+    free = tuple(n for n in model.task.free if n not in event_times)
+    with suppress(*FIT_ERRORS):
+        fit = cross_validated_fit(records, model.task.drive, free)
         if np.array_equal(fit.squares[1], node.fit.squares[1]):
             return fit
     return None
 
 
-def _score(model: Model, node: Node, fit: Explanation, bests: Sequence[float], share: float) -> Score:
-    """What a cause is worth on the samples that judge.
+def _score(model: Model, node: Node, fit: CrossValidatedFit, bests: Sequence[float], share: float) -> Score:
+    """The gain of a cause on the test samples.
 
-    bests  per fold, what the node reaches fitted to them; share: as which part of its number each sample counts
+    bests  per fold, the loss of the node fitted to them; share: of independent samples
     """
-    gains = share * (node.fit.test() - fit.test(doubted=True))[node.fit.squares[1] > 0]
-    price = price_of(model, node.model)
-    evidence = tuple(share * (best - float(j.test(doubted=True).sum())) - price
-                     for best, j in zip(bests, fit.judged, strict=True))
-    return Score(model, gains, evidence, tuple(j.training for j in fit.judged), (model,),
+    gains = share * (node.fit.test() - fit.test(with_noise_gain=True))[node.fit.squares[1] > 0]
+    price = scan_price(model, node.model)
+    evidence = tuple(share * (best - float(j.test(with_noise_gain=True).sum())) - price
+                     for best, j in zip(bests, fit.test_errors, strict=True))
+    return Score(model, gains, evidence, tuple(j.training for j in fit.test_errors), (model,),
                  share * (node.model.value - model.value), len(model.task.free) - len(node.model.task.free))
 
 
-def _lines(trials: Sequence[Trial], scores: Sequence[Score], decision: Decision,
+def _candidate_results(trials: Sequence[Trial], scores: Sequence[Score], decision: Decision,
            node: Node) -> tuple[CandidateResult, ...]:
-    """One line per cause, the best first."""
+    """One result per cause, the best first."""
     by_code, lines = {s.model.code: s for s in scores}, []
     for t in trials:
         s = by_code.get(t.cause.code)
@@ -274,47 +287,48 @@ def _lines(trials: Sequence[Trial], scores: Sequence[Score], decision: Decision,
                        if n not in node.model.task.free)
         lines.append(CandidateResult(
             t.cause.code, law_of(t.cause), state, s.gain, s.gain_std,
-            total_evidence([s], ALL_GAINED) / float(np.log(10.0)), parameters=values, sure=s.sure))
+            total_evidence([s], UNLIMITED_GAIN) / float(np.log(10.0)), parameters=values, sure=s.sure))
     return tuple(sorted(lines, key=lambda r: (-(r.gain if r.gain is not None else -np.inf), r.code)))
 
 
-def _gain(before: Explanation, after: Explanation, records: Records, split: Split, percent: float = 0.0) -> Gain:
-    """The error of the torque over what judges."""
+def _torque_gain(before: CrossValidatedFit, after: CrossValidatedFit, records: Records, split: Split,
+                 percent: float = 0.0) -> Gain:
+    """The error of the torque over the test samples."""
     unit = records.inverse.drive.torque_unit
-    moves = before.squares[1] > 0
-    squares = [f.squares[0][moves] / f.squares[1][moves] for f in (before, after)]
+    with_motion = before.squares[1] > 0
+    squares = [f.squares[0][with_motion] / f.squares[1][with_motion] for f in (before, after)]
     errors = before.rmse, after.rmse
     i, a, b = blocks_of(split.traces)[0]
-    spread, rms = _spread(records)
-    fits = [100.0 * (1.0 - e / spread) if spread > ROUNDED * rms else np.nan for e in errors]
+    scatter, rms = _torque_scatter(records)
+    fits = [100.0 * (1.0 - e / scatter) if scatter > CONSTANT_TORQUE_TOLERANCE * rms else np.nan for e in errors]
     return replace(gain_by_blocks(errors, (fits[0], fits[1]), squares, unit, (b - a) * split.traces[i].step, np.nan,
                                   percent), of="torque")
 
 
-def _spread(records: Records) -> tuple[float, float]:
-    """Standard deviation of the torque over what judges, and its root mean square."""
+def _torque_scatter(records: Records) -> tuple[float, float]:
+    """Standard deviation of the torque over the test samples, and its root mean square."""
     values = [q.torque[q.used & m] for q, *masks in zip(
-        records.inverse.with_motion(), *records.judges, strict=True) for m in masks]
+        records.inverse.with_motion(), *records.test_masks, strict=True) for m in masks]
     torque = np.concatenate(values)
     return float(np.std(torque)), float(np.sqrt(np.mean(torque**2)))
 
 
-def _told(first: Node, node: Node, records: Records, split: Split, before: Drive, roles: Roles,
+def _diagnosis(first: Node, node: Node, records: Records, split: Split, before: Drive, roles: Roles,
           options: DiagnoseOptions) -> Diagnosis:
     """The diagnosis: facts, rule, estimate, sentence."""
-    left = left_by_laws(node.fit, records)
-    possible = max(node.found.gained, 0.0) + left
-    percent = 100.0 * left / possible if possible > 0.0 else 0.0
-    # Laws of the motion are not all that can be left of a torque: none says nothing of the rest.
-    gain = _gain(first.fit, node.fit, records, split, percent if left > 0.0 else np.nan)
+    missing_gain = gain_of_missing_laws(node.fit, records)
+    possible = max(node.found.gained, 0.0) + missing_gain
+    percent = 100.0 * missing_gain / possible if possible > 0.0 else 0.0
+    # Zero means no missing law of the motion; other laws may still be missing.
+    gain = _torque_gain(first.fit, node.fit, records, split, percent if missing_gain > 0.0 else np.nan)
     found, task = node.found, node.model.task
     facts = Facts(
         causes=found.causes, between=found.between,
         strongest=max(found.causes, key=lambda c: found.evidence[c], default=""),
-        hardly=tuple(c for c in found.causes if c not in found.sure), gained=found.gained, left=left,
+        hardly=tuple(c for c in found.causes if c not in found.sure), gained=found.gained, left=missing_gain,
         before=gain.held_out_rmse_before, after=gain.held_out_rmse_after, scatter=gain.rmse_bar, floor=np.nan,
         left_percent=percent)
-    verdict = judged(facts)
+    verdict = apply_rules(facts)
     estimate = _estimate(task, before, roles, options, records)
     if records.own:
         own = _own_values(node.fit.trained[-1].drive, records)
@@ -327,23 +341,23 @@ def _told(first: Node, node: Node, records: Records, split: Split, before: Drive
                                       for c in one.candidates)) for one in node.rounds)
     experiment = experiment_of(verdict.between, verdict.verdict, bool(task.drive.shafts), roles.outputs,
                                verdict.doubt, bool(found.causes))
-    drawn = [f.trained[-1] if records.own else f.whole for f in (first.fit, node.fit)]
-    pictures = (*torque_exhibits(*drawn), *candidates_of(rounds))
+    shown_fits = [f.trained[-1] if records.own else f.whole for f in (first.fit, node.fit)]
+    pictures = (*torque_plots(*shown_fits), *candidate_plots(rounds))
     return Diagnosis(replace(estimate, outcome=sentence), verdict.verdict, verdict.causes, verdict.between,
                      experiment, dict(found.evidence), gain, rounds, sentence, pictures,
                      found.causes if verdict.verdict == "unexplained" else (), verdict.rule, facts)
 
 
 def _own_values(drive: Drive, records: Records) -> Finding:
-    """What was fitted to records that only judge."""
-    told = {n: float(drive.values[n]) for n in records.own}
-    words = ", ".join(f"{n} {v:.4g} {drive.unit(n)}".rstrip() for n, v in told.items())
-    return Finding("note", "held-out-own-values", f"Fitted to records that only judge, all else held: {words}.",
-                   told)
+    """The parameters that were fitted to held-out records."""
+    values = {n: float(drive.values[n]) for n in records.own}
+    words = ", ".join(f"{n} {v:.4g} {drive.unit(n)}".rstrip() for n, v in values.items())
+    return Finding("note", "held-out-own-values", f"Fitted to held-out records, all else fixed: {words}.",
+                   values)
 
 
 def _estimate(task: Task, before: Drive, roles: Roles, options: DiagnoseOptions, records: Records) -> Estimate:
-    """The extended drive with intervals, over the records that it is fitted to."""
+    """The extended drive with intervals, over its training records."""
     fitted = greybox_by_inverse(task.experiments, task.drive, task.free, roles, Options(criterion="inverse"),
                                 records.inverse.lead[:records.fitted])
     lines = tuple(replace(p, start=before.values.get(p.name, p.start)) for p in fitted.parameters)

@@ -1,6 +1,6 @@
-"""What a diagnosis is asked, and what it returns: options, rounds, candidates, gain, facts and verdict.
+"""The options and the result of a diagnosis: rounds, candidates, gain, facts and verdict.
 
-Plain values without any computation of a fit; every other wing may use them.
+Plain values without any computation of a fit; every other package of check may use them.
 """
 
 import lazy_loader

@@ -1,7 +1,7 @@
 from .diagnosis import (
-    IMPLAUSIBLE as IMPLAUSIBLE,
-    LOUD as LOUD,
-    REST as REST,
+    IMPLAUSIBLE_NOISE_SHARE as IMPLAUSIBLE_NOISE_SHARE,
+    LARGE_ERROR_TO_NOISE as LARGE_ERROR_TO_NOISE,
+    LARGE_REMAINING_SHARE as LARGE_REMAINING_SHARE,
     UNLISTED as UNLISTED,
     CandidateResult as CandidateResult,
     DiagnoseOptions as DiagnoseOptions,
@@ -11,5 +11,5 @@ from .diagnosis import (
     Round as Round,
     State as State,
     Verdict as Verdict,
-    taken_for_noise as taken_for_noise,
+    noise_hides_law as noise_hides_law,
 )

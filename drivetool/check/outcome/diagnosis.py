@@ -1,4 +1,4 @@
-"""What diagnose is asked and what it returns."""
+"""The options and the result of diagnose."""
 
 from __future__ import annotations
 
@@ -9,15 +9,20 @@ from typing import Literal
 import numpy as np
 from scipy.special import stdtrit
 
-from drivetool.identify.estimate import Estimate, Exhibit, Parameter
+from drivetool.identify.estimate import Estimate, Parameter, PlotData
 
 Verdict = Literal["nothing-found", "named", "undetermined", "unexplained"]
-BETWEEN = 1.75  # factor by which what a base errs for want of a cause differs between records, docs/evidence
-TOLD = 2.0  # standard errors of a gain, from which the scatter of its blocks adds nothing to that
-UNLISTED = "unlisted"  # among causes that it could be: something that is in no catalogue
-LOUD = 5.0  # sensor noises of error in free runs, from which a torque noise that large is to be said
-REST = 0.25  # of the error before, from which on what is left is much
-IMPLAUSIBLE = 0.03  # of the torque's spread, from which a noise of the torque may be a law that is missing
+# Factor at 95 % by which the error of a base that lacks a cause differs between records
+# (docs/explanation/diagnosis.md).
+ERROR_RATIO_BETWEEN_RECORDS = 1.75
+# Standard errors of a gain (about 95 %), from which the scatter of its blocks is not added.
+SIGNIFICANT_GAIN_STDS = 2.0
+UNLISTED = "unlisted"  # among the possible causes: one that is in no catalogue
+# Free-run error over sensor noise, from which an implausible torque noise is reported (a choice).
+LARGE_ERROR_TO_NOISE = 5.0
+LARGE_REMAINING_SHARE = 0.25  # of the error before, from which the remaining error is large (a choice)
+# Of the torque's standard deviation, from which torque noise may be a missing law (a choice)
+IMPLAUSIBLE_NOISE_SHARE = 0.03
 State = Literal["named", "possible", "worse", "no-gain", "not-shown", "in-the-model", "failed"]
 
 
@@ -27,9 +32,9 @@ class DiagnoseOptions:
 
     candidates    codes to try; empty: the whole catalogue
     error_budget  share of records without a cause on which one may be named, over all rounds
-    rounds        most causes that are looked for
+    rounds        most causes that are searched
     seed          of everything random
-    criterion     simulation: free runs of the motion judge; inverse: the torque that the motion asks for
+    criterion     simulation: free-run error of the motion; inverse: error of the required torque
     """
 
     candidates: tuple[str, ...] = ()
@@ -41,17 +46,17 @@ class DiagnoseOptions:
 
 @dataclass(frozen=True)
 class CandidateResult:
-    """One cause that was tried in one round.
+    """One cause that was tested in one round.
 
-    code       of the catalogue; law: the equation in the words of the field
+    code       of the catalogue; law: its equation
     state      named; possible: as good as the best; worse: gains, but less than the best; no-gain;
-               not-shown: this record cannot show it; in-the-model already; failed
-    gain       log likelihood gained on data held out, gain_std its standard error; None if not fitted
+               not-shown: not identifiable from this record; in-the-model already; failed
+    gain       log likelihood gained on held-out data; gain_std: its standard error; None if not fitted
     evidence   log10 of one over the share of records without any cause on which as much would be found
-    smallest   smallest size that this record would have shown, by parameter, in its unit; None: unknown
+    smallest   detection limit of this record, by parameter, in its unit; None: unknown
     parameters its values on the whole record, with intervals
-    reason     in words: why there is no gain to state, or where it was seen
-    sure       whether blocks of data held out tell that there is a gain
+    reason     in words: why there is no gain, or in which records it is
+    sure       whether the gain is significant by the held-out blocks
     """
 
     code: str
@@ -68,19 +73,19 @@ class CandidateResult:
 
 @dataclass(frozen=True)
 class Gain:
-    """How much better the model predicts, in free runs of `segment` seconds over data held out.
+    """How much better the model predicts, in free runs of `segment` seconds over held-out data.
 
-    rmse_before, rmse_after  of the first output, in `unit`; fit_*: percent. Before: by the base as it was fitted to
-                             all samples that are no judges; after: by what was fitted without the samples it meets
+    rmse_before, rmse_after  of the first output, in `unit`; fit_*: percent. Before: by the base fitted to all
+                             training samples; after: by the models fitted without the samples of the run
     rmse_std                 standard error of the difference before - after, from the scatter over blocks
-    rmse_bar                 what such a difference is weighed against: standard error of the difference of the mean
-                             squares over the sum of both errors; rmse_std where the errors differ little, and up to
-                             twice it where nearly all of the error goes
-    noise_floor              std of the sensor alone, as far as the record tells
-    unexplained_percent      share of what the base left unexplained that is still there
-    blocks                   of data held out, one free run each
-    of                       motion: as said; torque: the errors are those of the torque that the motion asks
-                             for, over blocks of `segment` seconds
+    rmse_bar                 reference for such a difference: standard error of the difference of the mean squares
+                             over the sum of both errors; rmse_std where the errors differ little, and up to twice
+                             it where nearly all of the error is removed
+    noise_floor              standard deviation of the sensor noise, as estimated from the record
+    unexplained_percent      share of the base's unexplained log likelihood that remains
+    blocks                   of held-out data, one free run each
+    of                       motion: as above; torque: the errors are those of the required torque, over blocks of
+                             `segment` seconds
     """
 
     unit: str
@@ -97,22 +102,24 @@ class Gain:
     of: Literal["motion", "torque"] = "motion"
 
     @property
-    def on_a_fresh_record(self) -> tuple[float, float] | None:
+    def further_record_interval(self) -> tuple[float, float] | None:
         """95 % interval of before - after on a further record of this length; None where nothing scatters.
 
-        What the worse of both models errs beyond the better is no noise: it depends on what the record asks of the
-        machine, by a factor. Errors add as squares. Where blocks hardly tell that there is a gain, their scatter
-        counts besides, on the further record as much as on this one, by a standard error that is itself estimated
-        from so many (Student's t): distances of both limits are added as squares then, side by side (Zou and
-        Donner, Statistics in Medicine 27, 2008, 1693).
+        The excess error of the worse model is no noise: it depends on the excitation of the record, by a factor.
+        Errors add as squares. Where the gain is not significant by its blocks, their scatter counts as well, on the
+        further record as on this one, with a standard error estimated from so few (Student's t): the distances of
+        the limits are then added as squares, each side separately (Zou and Donner, Statistics in Medicine 27,
+        2008, 1693).
         """
         if self.blocks < 2 or not self.rmse_std > 0.0:
             return None
-        told = abs(self.held_out_rmse_before - self.held_out_rmse_after) > TOLD * self.rmse_std
-        blocks = 0.0 if told else float(stdtrit(self.blocks - 1, 0.975)) * np.sqrt(2.0) * self.rmse_std
+        significant = abs(
+            self.held_out_rmse_before - self.held_out_rmse_after) > SIGNIFICANT_GAIN_STDS * self.rmse_std
+        blocks = 0.0 if significant else float(stdtrit(self.blocks - 1, 0.975)) * np.sqrt(2.0) * self.rmse_std
         low, high = sorted((self.held_out_rmse_before, self.held_out_rmse_after))
-        beyond = np.sqrt(high**2 - low**2)
-        ends = [float(np.hypot(low, beyond * factor)) - low for factor in (1.0 / BETWEEN, BETWEEN)]
+        excess = np.sqrt(high**2 - low**2)
+        ends = [float(np.hypot(low, excess * factor)) - low
+                for factor in (1.0 / ERROR_RATIO_BETWEEN_RECORDS, ERROR_RATIO_BETWEEN_RECORDS)]
         better = self.held_out_rmse_before - self.held_out_rmse_after
         if better < 0.0:
             ends = [-ends[1], -ends[0]]
@@ -120,20 +127,23 @@ class Gain:
                 better + float(np.hypot(blocks, ends[1] - better)))
 
 
-def taken_for_noise(before: float, after: float, floor: float, share: float, loud: float = LOUD) -> bool:
-    """Whether a noise of the torque that is hardly one stands in for much of what was there.
+def noise_hides_law(before: float, after: float, floor: float, share: float,
+                    min_error_to_noise: float = LARGE_ERROR_TO_NOISE) -> bool:
+    """Whether an implausible torque noise replaces much of the free-run error.
 
-    Then a law that is in no catalogue may hide behind it: one-step errors cannot tell the two apart.
+    Then it may hide a law that is in no catalogue: one-step prediction errors do not separate the two.
 
-    before, after  rms errors of free runs; floor: of the sensor alone; loud: times that which `after` must exceed
-    share          std of the torque's noise over the spread of the torque
+    before, after       rms errors of free runs; floor: sensor noise
+    share               std of the torque noise over the standard deviation of the torque
+    min_error_to_noise  times the floor that `after` must exceed
     """
-    return after > loud * floor and after > REST * before and share > IMPLAUSIBLE
+    return (after > min_error_to_noise * floor and after > LARGE_REMAINING_SHARE * before
+            and share > IMPLAUSIBLE_NOISE_SHARE)
 
 
 @dataclass(frozen=True)
 class Round:
-    """One round: what was looked for on top of what had been found, and what was decided.
+    """One round: the causes tested on top of those found before, and the decision.
 
     cause  the code that was added to the model, or None where the round ended the search
     """
@@ -145,7 +155,7 @@ class Round:
 
 @dataclass(frozen=True)
 class Facts:
-    """Figures that the rules of a verdict compare, and the names that it hands on; see `FACTS` for their meanings.
+    """Numbers that the rules of a verdict compare, and the causes it reports; see `FACTS` for their meanings.
 
     Log likelihoods are natural; errors of free runs are in the unit of the gain.
     """
@@ -184,12 +194,12 @@ class Diagnosis:
     estimate    the extended and refitted drive; the base where nothing was found
     verdict     nothing-found, named, undetermined (see between) or unexplained
     causes      codes in the order found; between: codes that explain the record equally well
-    closest     where it is unexplained, what the extended drive has of the catalogue: part of the answer, maybe
-    experiment  what would decide, or what would show a smaller effect
+    closest     where it is unexplained, the catalogue causes of the extended drive: perhaps part of the answer
+    experiment  the experiment that would decide, or detect a smaller effect
     evidence    log10 of the evidence for every cause
     gain        from the base to the extended drive
     sentence    the verdict for a plant engineer
-    rule        the line of the table of rules that decided, facts: what it was held against
+    rule        the line of the table of rules that decided; facts: the numbers it compared
     """
 
     estimate: Estimate
@@ -201,7 +211,7 @@ class Diagnosis:
     gain: Gain
     rounds: tuple[Round, ...]
     sentence: str
-    exhibits: tuple[Exhibit, ...] = ()
+    exhibits: tuple[PlotData, ...] = ()
     closest: tuple[str, ...] = ()
     rule: str = ""
     facts: Facts = Facts()

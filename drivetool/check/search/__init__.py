@@ -1,6 +1,6 @@
-"""Takes a base, the catalogue and split samples, and looks for sets of causes.
+"""Forward selection of causes, from a base model, the catalogue and split samples.
 
-It hands over what was found, what rivals it, and the models that a verdict is about.
+It returns the selected causes, their rivals, and the models that the verdict is about.
 """
 
 import lazy_loader

@@ -1,11 +1,11 @@
-"""Why a cause is not to be looked for in a record."""
+"""Why a cause is not searched in a record."""
 
 from __future__ import annotations
 
 from drivetool.check.causes import Cause
 from drivetool.check.fit import Model
 from drivetool.check.outcome import State
-from drivetool.check.starts import present
+from drivetool.check.starts import is_present
 from drivetool.drive.effects import EFFECTS, Effect
 
 
@@ -17,24 +17,24 @@ def why_absent(cause: Cause, base: Model) -> tuple[State, str]:
     owners = {"motor": drive.bodies[:1], "load": drive.bodies[1:]}.get(cause.end)
     names = [n for n in drive.quantities if effect is not None and n.rpartition(".")[2] in effect.present
              and (owners is None or n.rpartition(".")[0] in owners)]
-    if any(present(base, n) for n in names):
+    if any(is_present(base, n) for n in names):
         return "in-the-model", "it is part of the model already"
     return "not-shown", needed(cause)
 
 
 def needed(cause: Cause) -> str:
-    """What a record must contain to show a cause, after one that does not."""
+    """What a record must contain to identify a cause, after one that does not."""
     return f"this drive or record cannot show it; needed: {needs_of(cause)}"
 
 
 def needs_of(cause: Cause) -> str:
-    """What a record must contain to show a cause."""
+    """What a record must contain to identify a cause."""
     effect = _effect(cause)
     return cause.needs if effect is None else effect.needs
 
 
 def law_of(cause: Cause) -> str:
-    """The equation of a cause in the words of the field."""
+    """The equation of a cause."""
     effect = _effect(cause)
     return cause.law if effect is None else effect.law
 

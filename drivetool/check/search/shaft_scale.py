@@ -1,8 +1,7 @@
-"""The scale of a shaft torque sensor, fitted together with the drive and with all that was found.
+"""The scale of a shaft torque sensor, fitted together with the drive and with all causes found.
 
-Held against the motor alone it comes out to a few per cent where the record is short. What that leaves tells as
-much as a missing law, but without the laws that are missing another scale may stand in for them: so it is asked
-last.
+From the motor torque alone a short record identifies it to a few per cent. The remaining error is as large as the
+effect of a missing law, but a wrong scale can compensate a missing law: so the scale is fitted last.
 """
 
 from __future__ import annotations
@@ -14,29 +13,30 @@ from typing import NamedTuple
 
 import numpy as np
 
-from drivetool.check.faults import BLAMED, SCALE, rescaled
-from drivetool.check.fit import BROKEN, Masks, Model, everything, fit, judge, unlikely
-from drivetool.check.search.decision import LEAST, SURPLUS
-from drivetool.check.search.result import Searched
-from drivetool.drive import GEARED
-from drivetool.identify.noise import by_parabolas
+from drivetool.check.faults import MIN_SHAFT_SCALE_ERROR, SENSOR_SIGNIFICANCE, rescaled
+from drivetool.check.fit import FIT_ERRORS, Masks, Model, all_samples, fit, masked_loss, neg_log_p_corrected
+from drivetool.check.search.decision import MIN_GAIN_PER_PARAMETER, MIN_LEAD
+from drivetool.check.search.result import SearchResult
+from drivetool.drive import GEAR_RATIO_EXPONENTS
+from drivetool.identify.noise import minimise_by_parabolas
 from drivetool.identify.problem import Point
 from drivetool.logs import Experiment
 
 ROLE = "shaft_torque"
-STEP = 0.01  # relative change of the scale, of a first step
-FAR = 0.3  # beyond, the motor alone tells it
-CLOSE = 5e-4  # of a scale to one that was tried, for which another fit does not pay
-POWERS = {"inertia": 2, **GEARED}  # of the turns of the motor for one of a body, by which what it has counts less
-ROUNDS = 4  # of a fit with another scale
-TRIED = 3  # widths over which the curvature is looked at
+FIRST_SCALE_STEP = 0.01  # relative. A choice: scale errors of a few per cent are expected
+MAX_LOG_SCALE = 0.3  # beyond about 30 % the motor torque alone identifies the scale
+LOG_SCALE_TOLERANCE = 5e-4  # a choice: 0.05 % is below the standard error; a further fit does not pay
+# Powers of the gear ratio by which a parameter of a body is smaller when referred to the motor.
+GEAR_RATIO_POWERS = {"inertia": 2, **GEAR_RATIO_EXPONENTS}
+MAX_ITERATIONS_PER_SCALE = 4  # a choice: each scale starts from the fit of its neighbour
+MAX_CURVATURE_TRIALS = 3  # a choice: intervals that are tried until they span about three standard deviations
 
 
-class Scaled(NamedTuple):
+class ScaleEstimate(NamedTuple):
     """The records with another scale of their shaft torque.
 
     factor   by which the sensor is too large; std its standard error
-    records, values  with the factor undone, and the drive fitted to those
+    records, values  corrected by the factor, and the drive fitted to those
     """
 
     factor: float
@@ -45,28 +45,28 @@ class Scaled(NamedTuple):
     values: Mapping[str, float]
 
 
-def scale_beside(search: Searched, records: Sequence[Experiment]) -> Scaled | None:
-    """The scale of the shaft torque beside what was found, None where there is no sensor or it is right.
+def joint_shaft_scale(search: SearchResult, records: Sequence[Experiment]) -> ScaleEstimate | None:
+    """The scale of the shaft torque fitted together with the causes; None: no sensor, or its scale is right.
 
-    records  that the search was over
+    records  of the search
     """
     model = search.model
     if ROLE not in model.task.roles.outputs:
         return None
-    with suppress(*BROKEN):
-        log, std, lead, other = likeliest(model, everything(model.problem))
+    with suppress(*FIT_ERRORS):
+        log, std, lead, other = most_likely_scale(model, all_samples(model.problem))
         factor = float(np.exp(log))
-        sure = unlikely(lead, 1) > np.log(1.0 / search.options.error_budget)
-        if abs(factor - 1.0) > max(SCALE, BLAMED * factor * std) and sure:
-            return Scaled(factor, factor * std, rescaled(records, factor), other.fitted.drive.values)
+        significant = neg_log_p_corrected(lead, 1) > np.log(1.0 / search.options.error_budget)
+        if abs(factor - 1.0) > max(MIN_SHAFT_SCALE_ERROR, SENSOR_SIGNIFICANCE * factor * std) and significant:
+            return ScaleEstimate(factor, factor * std, rescaled(records, factor), other.fitted.drive.values)
     return None
 
 
-def likeliest(model: Model, masks: Masks) -> tuple[float, float, float, Model]:
-    """(log of the factor that makes all that was measured most likely, its std, what it gains, the model so).
+def most_likely_scale(model: Model, masks: Masks) -> tuple[float, float, float, Model]:
+    """(log of the factor of largest likelihood, its std, its gain, the model with it).
 
-    A torque noise that makes up for a wrong scale bends the likelihood away from a parabola: so downhill by ever
-    longer steps first. The std is infinite where it has no maximum nearby.
+    A torque noise that compensates a wrong scale makes the likelihood far from a parabola: so a line search with
+    growing steps comes first. The std is infinite where there is no maximum nearby.
     """
     count, known = measured_samples(model, masks), {0.0: with_scale(model, 1.0, masks)}
 
@@ -76,22 +76,22 @@ def likeliest(model: Model, masks: Masks) -> tuple[float, float, float, Model]:
             known[log] = with_scale(known[near], float(np.exp(log - near)), masks)
         return known[log].value + count * log
 
-    side = STEP if at(STEP) < at(-STEP) else -STEP
-    way = [-side, 0.0, side]
-    while at(way[-1]) < at(way[-2]) and abs(way[-1]) < FAR:
-        way.append(3.0 * way[-1] - 2.0 * way[-2])
-    log = by_parabolas(at, np.array(way), close=CLOSE)
-    return log, _width(at, log), at(0.0) - at(log), known[log]
+    first_step = FIRST_SCALE_STEP if at(FIRST_SCALE_STEP) < at(-FIRST_SCALE_STEP) else -FIRST_SCALE_STEP
+    bracket = [-first_step, 0.0, first_step]
+    while at(bracket[-1]) < at(bracket[-2]) and abs(bracket[-1]) < MAX_LOG_SCALE:
+        bracket.append(3.0 * bracket[-1] - 2.0 * bracket[-2])
+    log = minimise_by_parabolas(at, np.array(bracket), tolerance=LOG_SCALE_TOLERANCE)
+    return log, _std_from_curvature(at, log), at(0.0) - at(log), known[log]
 
 
-def _width(value: Callable[[float], float], at: float) -> float:
-    """Standard deviation by the curvature over about three of them on either side."""
-    reach = STEP
-    for _ in range(TRIED):
-        bend = (value(at - reach) - 2.0 * value(at) + value(at + reach)) / reach**2
-        if not bend > 0.0:
+def _std_from_curvature(value: Callable[[float], float], center: float) -> float:
+    """Standard deviation from the curvature over about three standard deviations on either side."""
+    reach = FIRST_SCALE_STEP
+    for _ in range(MAX_CURVATURE_TRIALS):
+        curvature = (value(center - reach) - 2.0 * value(center) + value(center + reach)) / reach**2
+        if not curvature > 0.0:
             return np.inf
-        std = float(1.0 / np.sqrt(bend))
+        std = float(1.0 / np.sqrt(curvature))
         if reach < 4.0 * std:
             return std
         reach = 3.0 * std
@@ -101,38 +101,39 @@ def _width(value: Callable[[float], float], at: float) -> float:
 def with_scale(model: Model, factor: float, masks: Masks) -> Model:
     """The model fitted to its records with their shaft torque divided by a factor."""
     column = model.task.roles.outputs.index(ROLE)
-    over = np.where(np.arange(len(model.noise.scale)) == column, factor, 1.0)
-    traces = tuple(replace(t, outputs=t.outputs / over) for t in model.problem.traces)
-    problem, noise = replace(model.problem, traces=traces), replace(model.noise, scale=model.noise.scale / over)
-    start = min((model.point, _shared_anew(model, factor)), key=lambda p: judge(problem, p, noise, masks))
-    return fit(replace(model, problem=problem, point=start, noise=noise), masks, most=ROUNDS)
+    divisors = np.where(np.arange(len(model.noise.scale)) == column, factor, 1.0)
+    traces = tuple(replace(t, outputs=t.outputs / divisors) for t in model.problem.traces)
+    problem, noise = replace(model.problem, traces=traces), replace(model.noise, scale=model.noise.scale / divisors)
+    start = min((model.point, _rescaled_start(model, factor)), key=lambda p: masked_loss(problem, p, noise, masks))
+    return fit(replace(model, problem=problem, point=start, noise=noise), masks,
+               max_iterations=MAX_ITERATIONS_PER_SCALE)
 
 
-def _shared_anew(model: Model, factor: float) -> Point:
-    """All behind the shaft smaller by the factor, and what that loses given to the motor: it moves as before."""
+def _rescaled_start(model: Model, factor: float) -> Point:
+    """All values behind the shaft divided by the factor, the difference given to the motor: same motion."""
     drive, own = model.fitted.drive, dict(zip(model.task.free, model.point.values.tolist(), strict=True))
-    motor, turns = drive.bodies[0], dict(zip(drive.bodies, drive.turns(), strict=True))
+    motor, gear_ratios = drive.bodies[0], dict(zip(drive.bodies, drive.gear_ratios(), strict=True))
     for name, value in list(own.items()):
         owner, _, suffix = name.rpartition(".")
         if owner in drive.shafts and suffix in ("stiffness", "damping"):
             own[name] = value / factor
-        elif owner in drive.bodies[1:] and suffix in POWERS:
+        elif owner in drive.bodies[1:] and suffix in GEAR_RATIO_POWERS:
             own[name] = value / factor
             if f"{motor}.{suffix}" in own:
-                own[f"{motor}.{suffix}"] += (value - own[name]) * turns[owner] ** -POWERS[suffix]
+                own[f"{motor}.{suffix}"] += (value - own[name]) * gear_ratios[owner] ** -GEAR_RATIO_POWERS[suffix]
     values = np.clip(np.array(list(own.values())), model.problem.low, model.problem.high)
     return replace(model.point, values=values)
 
 
 def measured_samples(model: Model, masks: Masks) -> int:
-    """How many samples of the shaft torque count."""
+    """Number of shaft torque samples in the masks."""
     column = model.task.roles.outputs.index(ROLE)
     return sum(int(np.isfinite(t.outputs[mask, column]).sum())
                for t, mask in zip(model.problem.traces, masks, strict=True))
 
 
-def likelier_so(again: Searched, search: Searched, factor: float) -> bool:
-    """Whether a search over records with a factor undone explains all that was measured better than one without."""
-    samples = measured_samples(search.model, everything(search.model.problem))
+def scale_improves_likelihood(again: SearchResult, search: SearchResult, factor: float) -> bool:
+    """Whether a search over corrected records is likelier than one over the records as they are."""
+    samples = measured_samples(search.model, all_samples(search.model.problem))
     lead = search.model.value - again.model.value - samples * float(np.log(abs(factor)))
-    return lead > LEAST + SURPLUS * (1 + len(again.model.task.free) - len(search.model.task.free))
+    return lead > MIN_LEAD + MIN_GAIN_PER_PARAMETER * (1 + len(again.model.task.free) - len(search.model.task.free))

@@ -1,4 +1,4 @@
-"""What the files of the causes share: the base with more parameters, and how large things are in its records."""
+"""Helpers of the causes: the base with more parameters, and the size of torque, speed and travel in its records."""
 
 from __future__ import annotations
 
@@ -14,54 +14,56 @@ if TYPE_CHECKING:
     from drivetool.check.fit import Model
     from drivetool.identify.setup import Task
 
-FAST = 0.03  # samples: a lag that is shorter leaves no trace
-LATE = (0.25, 0.5, 1.0, 2.0, 4.0, 8.0)  # delays and lags in samples
+MIN_LAG_SAMPLES = 0.03  # samples. A choice: a shorter lag is below what a record resolves
+# Delays and lags in samples; a choice: factors of two, below one sample to a filter's eight.
+DELAY_STARTS_IN_SAMPLES = (0.25, 0.5, 1.0, 2.0, 4.0, 8.0)
 
 
-def added(base: Model, values: Mapping[str, float], amplitudes: Sequence[str], held: Sequence[str] = ()) -> Start:
-    """The base with more parameters: `values` start them, all but `held` are free."""
+def start_with(base: Model, values: Mapping[str, float], amplitudes: Sequence[str],
+               fixed: Sequence[str] = ()) -> Start:
+    """The base with more parameters, started at `values`; all but `fixed` are free."""
     task = base.fitted
     drive = replace(task.drive, values={**task.drive.values, **values})
-    new = {n for n in values if n not in held}
+    new = {n for n in values if n not in fixed}
     free = tuple(n for n in drive.quantities if n in {*task.free, *new})
     return Start(replace(task, drive=drive, free=free), tuple(amplitudes))
 
 
-def present(base: Model, name: str) -> bool:
+def is_present(base: Model, name: str) -> bool:
     """Whether a parameter acts in the base or is one of its free ones."""
     drive = base.task.drive
     return name in base.task.free or drive.value(name) not in (None, drive.quantity(name).neutral)
 
 
 def torque_size(base: Model, owner: str = "") -> float:
-    """Spread of the motor torque, or of what the gears make of it at a body or in a shaft."""
-    return turns(base, owner) * float(np.std(np.concatenate([t.inputs[:, 0] for t in base.problem.traces])))
+    """Standard deviation of the motor torque, or of its value behind the gears at a body or in a shaft."""
+    return gear_ratio(base, owner) * float(np.std(np.concatenate([t.inputs[:, 0] for t in base.problem.traces])))
 
 
 def largest_torque(base: Model, owner: str = "") -> float:
-    """The largest torque of the motor, or what the gears make of it."""
-    return turns(base, owner) * max(float(np.abs(t.inputs[:, 0]).max()) for t in base.problem.traces)
+    """The largest motor torque, or its value behind the gears."""
+    return gear_ratio(base, owner) * max(float(np.abs(t.inputs[:, 0]).max()) for t in base.problem.traces)
 
 
-def turns(base: Model, owner: str = "") -> float:
-    """Of the motor for one of a body, or of the end of a shaft that has its stiffness.
+def gear_ratio(base: Model, owner: str = "") -> float:
+    """Turns of the motor for one turn of a body, or of the shaft end that the stiffness refers to.
 
-    owner  none, or a sum that the motor feels: one
+    owner  none, or a sum referred to the motor: one
     """
     drive = base.task.drive
     ends = {**dict(zip(drive.bodies, range(len(drive.bodies)), strict=True)),
             **{shaft: k + 1 for k, shaft in enumerate(drive.shafts)}}
-    return abs(drive.turns()[ends.get(owner, 0)])
+    return abs(drive.gear_ratios()[ends.get(owner, 0)])
 
 
-def motion(base: Model, body: str = "") -> tuple[float, float]:
+def speed_and_duration(base: Model, body: str = "") -> tuple[float, float]:
     """(fastest speed of the motor, 98 % quantile, or of a body behind its gears; longest record [s])."""
-    return (float(np.quantile(np.abs(np.concatenate(speeds(base))), 0.98)) / turns(base, body),
+    return (float(np.quantile(np.abs(np.concatenate(speeds(base))), 0.98)) / gear_ratio(base, body),
             max(t.size * t.step for t in base.problem.traces))
 
 
 def speeds(base: Model) -> list[np.ndarray]:
-    """Per trace (n,) the motor's speed, along a line where it was not measured."""
+    """Per trace (n,) the motor's speed, interpolated where it was not measured."""
     found = []
     for t in base.problem.traces:
         y = t.outputs[:, 0]
@@ -71,7 +73,7 @@ def speeds(base: Model) -> list[np.ndarray]:
 
 
 def travel(base: Model) -> float:
-    """The largest way of the motor in a record, from one end to the other."""
+    """The largest travel of the motor in a record, from one end to the other."""
     angle = base.task.roles.outputs[0].endswith("angle")
     ways = []
     for t in base.problem.traces:
@@ -82,7 +84,7 @@ def travel(base: Model) -> float:
 
 
 def outer_bodies(base: Model) -> tuple[str, ...]:
-    """The bodies at which friction may be told apart: the last one only with more than one body."""
+    """The bodies whose friction may be distinguishable: the first and the last."""
     bodies = base.task.drive.bodies
     return bodies[:1] if len(bodies) == 1 else (bodies[0], bodies[-1])
 
@@ -90,20 +92,20 @@ def outer_bodies(base: Model) -> tuple[str, ...]:
 def bodies_without(base: Model, end: str, suffix: str) -> list[str]:
     """Of the motor, or of the bodies behind it (`end`: motor, load), those on which a friction does not act yet."""
     bodies = base.task.drive.bodies
-    return [b for b in (bodies[:1] if end == "motor" else bodies[1:]) if not present(base, f"{b}.{suffix}")]
+    return [b for b in (bodies[:1] if end == "motor" else bodies[1:]) if not is_present(base, f"{b}.{suffix}")]
 
 
-def on_any_body(base: Model, suffix: str) -> list[Start]:
+def starts_on_any_body(base: Model, suffix: str) -> list[Start]:
     """One amplitude, on any body; none where a body has it."""
     names = [f"{body}.{suffix}" for body in base.task.drive.bodies]
-    if any(present(base, n) for n in names):
+    if any(is_present(base, n) for n in names):
         return []
-    return [added(base, {n: 0.0}, (n,)) for n in names]
+    return [start_with(base, {n: 0.0}, (n,)) for n in names]
 
 
-def likeliest(base: Model, starts: Sequence[Start]) -> list[Start]:
+def likeliest_start(base: Model, starts: Sequence[Start]) -> list[Start]:
     """Of starts that differ in one value, the one under which the records are likeliest, all else held."""
-    from drivetool.check.fit import carried
+    from drivetool.check.fit import transferred_point
     from drivetool.identify.noise import filtered, minus_log_likelihood
     from drivetool.identify.problem import Point
     from drivetool.identify.setup import problem_of
@@ -111,7 +113,7 @@ def likeliest(base: Model, starts: Sequence[Start]) -> list[Start]:
     def loss(start: Start) -> float:
         task = start.task
         problem = problem_of(task.drive, (), task.roles, base.problem.traces)
-        point = Point(np.empty(0), carried(base, start.task, problem).starts)
+        point = Point(np.empty(0), transferred_point(base, start.task, problem).starts)
         return minus_log_likelihood(filtered(problem, point, base.noise, keep=False))
     return [min(starts, key=loss)]
 
@@ -122,27 +124,27 @@ def new_values(model: Model, base: Model, suffixes: str | tuple[str, ...]) -> It
             if n.endswith(suffixes) and n not in base.task.free)
 
 
-def of_lag(owner: str, order: float, base: Model) -> list[Start]:
-    """A lag of some order, of the time that is likeliest: one that is taken for another order ends up elsewhere."""
+def lag_starts(owner: str, order: float, base: Model) -> list[Start]:
+    """A lag of some order, of the likeliest time: the best time depends on the order."""
     name, step = f"{owner}.bandwidth", base.problem.traces[0].step
-    return likeliest(base, [added(base, {name: 1.0 / (n * step), f"{owner}.order": order}, (),
-                                  held=(f"{owner}.order",)) for n in LATE])
+    return likeliest_start(base, [start_with(base, {name: 1.0 / (n * step), f"{owner}.order": order}, (),
+                                  fixed=(f"{owner}.order",)) for n in DELAY_STARTS_IN_SAMPLES])
 
 
-def hardly_late(base: Model, name: str) -> Start:
-    """A delay, or the lag of a bandwidth, of the shortest length that is tried."""
-    time = LATE[0] * base.problem.traces[0].step
-    return added(base, {name: 1.0 / time if name.endswith("bandwidth") else time}, ())
+def shortest_delay(base: Model, name: str) -> Start:
+    """A delay, or the lag of a bandwidth, of the shortest tested length."""
+    time = DELAY_STARTS_IN_SAMPLES[0] * base.problem.traces[0].step
+    return start_with(base, {name: 1.0 / time if name.endswith("bandwidth") else time}, ())
 
 
-def no_faster(base: Model, task: Task) -> Bounds:
-    """No lag faster than leaves a trace: contacts inside a sample would take ever longer."""
-    most = 1.0 / (FAST * base.problem.traces[0].step)
+def lag_bounds(base: Model, task: Task) -> Bounds:
+    """No lag shorter than is detectable: contacts within a sample would cost ever more steps."""
+    most = 1.0 / (MIN_LAG_SAMPLES * base.problem.traces[0].step)
     return {n: (0.0, most) for n in task.free if n.endswith(".bandwidth")}
 
 
-def traceless(model: Model, base: Model) -> str:
-    """Whether a lag is as short as is looked for: then the rest of its fit gains, and it is none."""
+def too_short_to_detect(model: Model, base: Model) -> str:
+    """Whether a lag is at its lower bound: then the gain comes from the other parameters."""
     high = dict(zip(model.task.free, model.problem.high, strict=True))
     short = any(v > 0.99 * high[n] for n, v in new_values(model, base, ".bandwidth"))
-    return "it would be too short to leave a trace" if short else ""
+    return "it would be too short to be detectable" if short else ""

@@ -1,28 +1,30 @@
-"""A cheap look at the whole range of half gaps: where a fit with a gap may start."""
+"""A likelihood scan over the whole range of half gaps: where a fit with a gap may start."""
 
 from __future__ import annotations
 
 import numpy as np
 
 from drivetool.check.fit import Model
-from drivetool.identify.backlash import valleys
+from drivetool.identify.backlash import local_minima
 from drivetool.identify.noise import filtered, minus_log_likelihood
 from drivetool.identify.problem import Point
 from drivetool.identify.setup import problem_of
 
-GAPS = np.geomspace(0.003, 300.0, 67)  # half gaps over the twist that the torque makes: a stiff shaft twists little
-KEPT = 3  # valleys that are worth a fit
+# Half gaps over the twist by the torque, in steps of 19 %: a stiff shaft twists little, so gaps may be many
+# times that.
+HALF_GAP_TO_TWIST_GRID = np.geomspace(0.003, 300.0, 67)
+MAX_GAP_STARTS = 3  # a choice: local optima that are fitted, each costs a fit
 
 
 def half_gaps(base: Model, name: str, torque: float) -> list[float]:
-    """Half gaps at which the likelihood has its valleys, all else held: one Kalman pass each."""
+    """Half gaps at local optima of the likelihood, all else fixed: one Kalman pass each."""
     task = base.fitted
     twist = torque / task.drive.value(name.split(".")[0] + ".stiffness")
 
-    def look(value: float) -> float:
+    def loss(value: float) -> float:
         problem = problem_of(task.at({name: value}).drive, (), task.roles, base.problem.traces)
         point = Point(np.empty(0), base.point.starts)
         return minus_log_likelihood(filtered(problem, point, base.noise, keep=False))
 
-    values = np.array([look(share * twist) for share in GAPS])
-    return [float(GAPS[i] * twist) for i in valleys(values)[:KEPT]]
+    values = np.array([loss(share * twist) for share in HALF_GAP_TO_TWIST_GRID])
+    return [float(HALF_GAP_TO_TWIST_GRID[i] * twist) for i in local_minima(values)[:MAX_GAP_STARTS]]

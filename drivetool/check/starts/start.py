@@ -15,10 +15,10 @@ Bounds = Mapping[str, tuple[float, float]]  # parameter -> lowest and highest va
 
 @dataclass(frozen=True)
 class Start:
-    """Where the fit of a cause starts: the task with all that is free, and what is worth a first step.
+    """Where the fit of a cause starts: the task with its free parameters, and its amplitudes.
 
-    amplitudes  of the free names, those whose first guess a linear step gives
-    quiet       the base under a quieter noise, where the fit is to begin; None: it begins under the base's
+    amplitudes  of the free names, those whose start value a linear step gives
+    quiet       the base under a smaller noise, for the start of the fit; None: it starts under the base's noise
     """
 
     task: Task

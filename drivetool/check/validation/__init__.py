@@ -1,6 +1,6 @@
-"""Takes a drive and records that its fit has not seen, and checks whether the drive is true.
+"""Validates a drive on records that its fit has not seen.
 
-Simulation, required torque and run-downs are judged; a validation with its remarks comes out.
+Simulation, required torque and coast-downs are tested; the result is a validation with its findings.
 """
 
 import lazy_loader

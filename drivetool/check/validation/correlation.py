@@ -1,11 +1,11 @@
-"""Does what the model leaves over still depend on the torque?
+"""Does the residual still depend on the torque?
 
-The residual is the simulation error seen through the noise model: the error of one-step
-prediction, for a linear drive the whitened error of the free run. The free run's own error cannot
-be judged: torque noise makes it wander, and two wandering series correlate by chance (Yule 1926);
-in closed loop the controller lets the torque answer it. One-step errors of a true model are white
-and independent of every earlier torque, in closed loop too. So only lags at which the torque comes
-first are judged; the others show feedback and are drawn only.
+The residual is the simulation error filtered by the noise model: the one-step prediction error, for a
+linear drive the whitened error of the free run. The free run's own error cannot be tested: torque noise
+makes it a random walk, and two random walks correlate by chance (Yule 1926); in closed loop the controller
+feeds it back to the torque. One-step prediction errors of a true model are white and independent of every
+earlier torque, in closed loop too. So only lags at which the torque comes first are tested; the others show
+feedback and are drawn only.
 
 Blocks of samples are averaged to about eight per period of the fastest resonance, so that a faster
 logger does not dilute the correlation in sensor noise.
@@ -19,14 +19,19 @@ from dataclasses import dataclass
 import numpy as np
 
 LIMIT_97 = 2.17  # normal quantile of a two-sided 97 %
-PER_PERIOD = 8.0  # blocks per period of the fastest resonance
-STEP = 0.01  # s; block of a drive without resonance
-PERIODS = 5.0  # of the slowest resonance that the lags span
-MOST_LAGS, FEWEST_BLOCKS, DRAWS = 100, 1500, 2000
-MEMORY = 20  # blocks over which the residual's own correlation is counted
-ORDER = 10  # most of the autoregression that whitens what the noise model left coloured
-ALARM = 0.01  # family-wise p below which the residual is said to depend on the torque
-CHUNK = 8192  # rows of lagged inputs in memory at a time
+# Blocks per period of the fastest resonance: fewer alias it, more dilute the correlation in noise.
+BLOCKS_PER_PERIOD = 8.0
+DEFAULT_BLOCK_TIME = 0.01  # s; block of a drive without resonance. A choice: friction and inertia act more slowly
+LAG_PERIODS = 5.0  # of the slowest resonance that the lags span. A choice: by then a damped one has decayed
+# Lags at most: they bound the covariance matrix. Blocks: their 97 % band, 2.17/sqrt(1500) = 0.06, is well below the
+# limit of 0.15. Draws: p = 0.03 then has a standard error of 0.004.
+MAX_LAGS, MIN_CORRELATION_BLOCKS, CORRELATION_DRAWS = 100, 1500, 2000
+# Blocks over which the residual's own correlation counts. A choice: tapered, later ones add only scatter.
+AUTOCORRELATION_BLOCKS = 20
+# Of the autoregression that whitens a coloured residual, at most; the Schwarz criterion chooses below.
+MAX_WHITENING_ORDER = 10
+DEPENDENCE_SIGNIFICANCE = 0.01  # family-wise p. A choice: one false alarm in a hundred right models
+ROWS_IN_MEMORY = 8192  # rows of lagged inputs in memory at a time: bounds the memory of long records
 
 
 @dataclass(frozen=True)
@@ -62,10 +67,10 @@ def correlate(residuals: Sequence[np.ndarray], inputs: Sequence[np.ndarray], ste
       over the lags.
     - The share of the residual that any filter of the torque over these lags explains (F test),
       both whitened by the autoregression of the residual, white if the noise model is right. It
-      sees the ringing that a wrong stiffness leaves: over a slow torque it averages out of r.
-    The model counts as exact: where its fit is known, what that leaves open is allowed for before (left_open.py).
-    Taken as exact, one fitted on a record of equal length and the same motion falls below p = 0.01 in some 4 % of
-    cases, below 0.001 as good as never; in another motion more often.
+      detects the ringing of a wrong stiffness: under a slow torque this averages out of r.
+    The model counts as exact: the uncertainty of its fit, where known, is allowed for before
+    (fit_confidence_region.py). Taken as exact, one fitted on a record of equal length and the same motion falls
+    below p = 0.01 in some 4 % of cases, below 0.001 almost never; in another motion more often.
 
     residuals   (n,) per stretch, NaN where there is none; inputs: (n, nu) per stretch
     step        sample interval [s]
@@ -73,7 +78,7 @@ def correlate(residuals: Sequence[np.ndarray], inputs: Sequence[np.ndarray], ste
     returns     Correlation; None: no input changes, or fewer than 20 blocks
     """
     block = block_length(residuals, step, resonances)
-    e, u = thinned(residuals, inputs, block)
+    e, u = block_averages(residuals, inputs, block)
     if sum(int(np.isfinite(x).sum()) for x in e) < 20:
         return None
     e, u, known = _centred(e, u)
@@ -81,19 +86,19 @@ def correlate(residuals: Sequence[np.ndarray], inputs: Sequence[np.ndarray], ste
     if energy <= 0.0 or u[0].shape[1] == 0:
         return None
     m = lag_count(n, step * block, resonances)
-    spread = np.sqrt(sum(np.sum(x**2, axis=0) for x in u) * n / sum(map(len, u)))
-    norm = np.repeat(spread, m)
+    input_std = np.sqrt(sum(np.sum(x**2, axis=0) for x in u) * n / sum(map(len, u)))
+    norm = np.repeat(input_std, m)
     after, covariance = _bartlett(u, e, known, m, energy)
     r = after / (norm * np.sqrt(energy))
     covariance /= np.outer(norm, norm) * n
     deviation = np.sqrt(np.diag(covariance))
-    p_largest, chance = _largest(r, covariance, deviation, seed)
-    before = _before(u, e, m) / (spread[:, None] * np.sqrt(energy))
+    p_largest, chance = _p_of_largest(r, covariance, deviation, seed)
+    before = _negative_lag_products(u, e, m) / (input_std[:, None] * np.sqrt(energy))
     return Correlation(
         np.arange(-m, m + 1) * step * block, np.hstack([before, r.reshape(-1, m)]),
         LIMIT_97 * deviation.reshape(-1, m), float(np.abs(r).max()),
         float(np.mean(np.abs(r) > LIMIT_97 * deviation)),
-        min(1.0, 2.0 * min(p_largest, _explained(u, e, known, m))), chance)
+        min(1.0, 2.0 * min(p_largest, _p_of_explained_share(u, e, known, m))), chance)
 
 
 def block_length(residuals: Sequence[np.ndarray], step: float, resonances: Sequence[float]) -> int:
@@ -102,17 +107,17 @@ def block_length(residuals: Sequence[np.ndarray], step: float, resonances: Seque
     No shorter than the interval of a slow sensor.
     """
     size, there = sum(map(len, residuals)), sum(int(np.isfinite(x).sum()) for x in residuals)
-    wanted = 1.0 / (PER_PERIOD * max(resonances)) if len(resonances) else STEP
-    return max(1, min(round(wanted / step), size // FEWEST_BLOCKS), round(size / max(there, 1)))
+    wanted = 1.0 / (BLOCKS_PER_PERIOD * max(resonances)) if len(resonances) else DEFAULT_BLOCK_TIME
+    return max(1, min(round(wanted / step), size // MIN_CORRELATION_BLOCKS), round(size / max(there, 1)))
 
 
 def lag_count(n: int, step: float, resonances: Sequence[float]) -> int:
     """Lags over five periods of the slowest resonance, 20 to 100 of them, at most n/4."""
-    wanted = round(PERIODS / (min(resonances) * step)) if len(resonances) else MOST_LAGS
-    return max(1, min(max(wanted, 20), MOST_LAGS, n // 4))
+    wanted = round(LAG_PERIODS / (min(resonances) * step)) if len(resonances) else MAX_LAGS
+    return max(1, min(max(wanted, 20), MAX_LAGS, n // 4))
 
 
-def thinned(residuals: Sequence[np.ndarray], inputs: Sequence[np.ndarray],
+def block_averages(residuals: Sequence[np.ndarray], inputs: Sequence[np.ndarray],
             block: int) -> tuple[list[np.ndarray], list[np.ndarray]]:
     """Residuals summed over blocks to keep their variance, inputs averaged over them."""
     e, u = [], []
@@ -128,7 +133,7 @@ def thinned(residuals: Sequence[np.ndarray], inputs: Sequence[np.ndarray],
 
 
 def whiteness(residuals: Sequence[np.ndarray], lags: int = 20) -> float | None:
-    """p-value of the Ljung-Box test of one-step errors, NaN where there is none; None: too few."""
+    """p-value of the Ljung-Box test of one-step prediction errors, NaN where unmeasured; None: too few."""
     from scipy.stats import chi2
 
     n = int(sum(np.isfinite(x).sum() for x in residuals))
@@ -141,7 +146,7 @@ def whiteness(residuals: Sequence[np.ndarray], lags: int = 20) -> float | None:
 
 
 def _centred(e: Sequence[np.ndarray], u: Sequence[np.ndarray]):
-    """Residuals without mean, zero where there is none; the inputs that change; what is known."""
+    """Residuals without mean, zero where unmeasured; the inputs that change; where residuals are measured."""
     known = [np.isfinite(x) for x in e]
     every = np.concatenate(u)
     mean = sum(x[k].sum() for x, k in zip(e, known, strict=True)) / max(sum(k.sum() for k in known), 1)
@@ -150,7 +155,7 @@ def _centred(e: Sequence[np.ndarray], u: Sequence[np.ndarray]):
             [(x - level)[:, moving] for x in u], known)
 
 
-def _sums(u: Sequence[np.ndarray], e: Sequence[np.ndarray], v: Sequence[np.ndarray],
+def _lagged_products(u: Sequence[np.ndarray], e: Sequence[np.ndarray], v: Sequence[np.ndarray],
           known: Sequence[np.ndarray], m: int) -> tuple[np.ndarray, np.ndarray]:
     """(U' e, U' V) with the lags 1..m of every input in the columns; held before a stretch."""
     def lagged(x: np.ndarray) -> list[np.ndarray]:
@@ -161,8 +166,8 @@ def _sums(u: Sequence[np.ndarray], e: Sequence[np.ndarray], v: Sequence[np.ndarr
     total_e, total_v = 0.0, 0.0
     for x, y, z, k in zip(u, e, v, known, strict=True):
         left, right = lagged(x), lagged(z)
-        for a in range(0, len(x), CHUNK):
-            part = slice(a, min(len(x), a + CHUNK))
+        for a in range(0, len(x), ROWS_IN_MEMORY):
+            part = slice(a, min(len(x), a + ROWS_IN_MEMORY))
             here = left[part].reshape(part.stop - a, -1) * k[part, None]
             total_e = total_e + here.T @ y[part]
             total_v = total_v + here.T @ right[part].reshape(part.stop - a, -1)
@@ -172,15 +177,16 @@ def _sums(u: Sequence[np.ndarray], e: Sequence[np.ndarray], v: Sequence[np.ndarr
 def _bartlett(u: Sequence[np.ndarray], e: Sequence[np.ndarray], known: Sequence[np.ndarray], m: int,
               energy: float) -> tuple[np.ndarray, np.ndarray]:
     """Sums of residual and lagged inputs, and their covariance over the residual's variance."""
-    rho = _autocorrelation(e, MEMORY) / energy * (1.0 - np.arange(MEMORY + 1) / (MEMORY + 1.0))
+    rho = _autocorrelation(e, AUTOCORRELATION_BLOCKS) / energy * (
+        1.0 - np.arange(AUTOCORRELATION_BLOCKS + 1) / (AUTOCORRELATION_BLOCKS + 1.0))
     filter_ = np.concatenate([rho[:0:-1], rho])
-    held = [np.pad(x, ((MEMORY, MEMORY), (0, 0)), mode="edge") for x in u]
+    held = [np.pad(x, ((AUTOCORRELATION_BLOCKS, AUTOCORRELATION_BLOCKS), (0, 0)), mode="edge") for x in u]
     v = [np.column_stack([np.convolve(column, filter_, "valid") for column in x.T]) for x in held]
-    after, covariance = _sums(u, e, v, known, m)
+    after, covariance = _lagged_products(u, e, v, known, m)
     return after, 0.5 * (covariance + covariance.T)
 
 
-def _before(u: Sequence[np.ndarray], e: Sequence[np.ndarray], m: int) -> np.ndarray:
+def _negative_lag_products(u: Sequence[np.ndarray], e: Sequence[np.ndarray], m: int) -> np.ndarray:
     """(inputs, m + 1) sums of residual and input at lags -m..0."""
     return np.array([[sum(float(x[:len(x) - k] @ v[k:, j]) for x, v in zip(e, u, strict=True) if len(x) > k)
                       for k in range(m, -1, -1)] for j in range(u[0].shape[1])])
@@ -191,21 +197,21 @@ def _autocorrelation(e: Sequence[np.ndarray], lags: int) -> np.ndarray:
     return np.array([sum(float(x[k:] @ x[:len(x) - k]) for x in e if len(x) > k) for k in range(lags + 1)])
 
 
-def _largest(r: np.ndarray, covariance: np.ndarray, deviation: np.ndarray,
+def _p_of_largest(r: np.ndarray, covariance: np.ndarray, deviation: np.ndarray,
              seed: int) -> tuple[float, float]:
     """(p-value of the largest |r|/std, |r| exceeded by chance in 3 % of records)."""
     from scipy.stats import norm
 
     values, vectors = np.linalg.eigh(covariance / np.outer(deviation, deviation))
     values = np.sqrt(np.maximum(values, 0.0))
-    draws = np.abs(np.random.default_rng(seed).standard_normal((DRAWS, len(r))) * values @ vectors.T)
+    draws = np.abs(np.random.default_rng(seed).standard_normal((CORRELATION_DRAWS, len(r))) * values @ vectors.T)
     z = float(np.max(np.abs(r) / deviation))
     above = int(np.sum(draws.max(axis=1) >= z))
-    p = min((1 + above) / (1 + DRAWS), 2.0 * len(r) * float(norm.sf(z)))
+    p = min((1 + above) / (1 + CORRELATION_DRAWS), 2.0 * len(r) * float(norm.sf(z)))
     return p, float(np.quantile((draws * deviation).max(axis=1), 0.97))
 
 
-def _explained(u: Sequence[np.ndarray], e: Sequence[np.ndarray], known: Sequence[np.ndarray],
+def _p_of_explained_share(u: Sequence[np.ndarray], e: Sequence[np.ndarray], known: Sequence[np.ndarray],
                m: int) -> float:
     """p-value of the share of the whitened residual that the lagged whitened inputs explain."""
     from scipy.signal import lfilter
@@ -215,7 +221,7 @@ def _explained(u: Sequence[np.ndarray], e: Sequence[np.ndarray], known: Sequence
     a = _whitener(e, n) if all(k.all() for k in known) else np.ones(1)
     e = [lfilter(a, 1.0, x) for x in e]
     u = [lfilter(a, 1.0, x - x[:1], axis=0) + a.sum() * x[:1] for x in u]
-    after, gram = _sums(u, e, u, known, m)
+    after, gram = _lagged_products(u, e, u, known, m)
     values, vectors = np.linalg.eigh(gram)
     keep = values > 1e-8 * values[-1]
     k = int(keep.sum())
@@ -227,11 +233,11 @@ def _whitener(e: Sequence[np.ndarray], n: int) -> np.ndarray:
     """Autoregression 1, a1, .. of a series, its order by the Schwarz criterion."""
     from scipy.linalg import solve_toeplitz
 
-    own = _autocorrelation(e, min(ORDER, n // 10))
+    own = _autocorrelation(e, min(MAX_WHITENING_ORDER, n // 10))
     best, found = n * np.log(own[0]), np.ones(1)
     for order in range(1, len(own)):
         a = solve_toeplitz(own[:order], -own[1:order + 1])
-        left = own[0] + a @ own[1:order + 1]
-        if left > 0.0 and n * np.log(left) + order * np.log(n) < best:
-            best, found = n * np.log(left) + order * np.log(n), np.concatenate([[1.0], a])
+        variance = own[0] + a @ own[1:order + 1]
+        if variance > 0.0 and n * np.log(variance) + order * np.log(n) < best:
+            best, found = n * np.log(variance) + order * np.log(n), np.concatenate([[1.0], a])
     return found

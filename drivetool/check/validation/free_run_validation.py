@@ -8,28 +8,28 @@ import numpy as np
 
 from drivetool.check.validation import remarks
 from drivetool.check.validation.correlation import Correlation, correlate, whiteness
-from drivetool.check.validation.freerun import drift, noise_limit
-from drivetool.check.validation.replay import Replay, begun_otherwise, replay, resonances
+from drivetool.check.validation.freerun import drift_findings, noise_limit_findings
+from drivetool.check.validation.replay import Replay, replay, resonances, start_state_findings
 from drivetool.check.validation.result import RecordCheck, ValidateOptions, Validation
 from drivetool.drive import Drive
 from drivetool.errors import Finding, NotEnoughData
-from drivetool.identify.estimate import Covariance, Exhibit, fit_percent, fit_words, only_rounding
-from drivetool.logs import Experiment, numbered
+from drivetool.identify.estimate import Covariance, PlotData, fit_percent, fit_text, only_rounding
+from drivetool.logs import Experiment, number_duplicates
 
-Model = tuple[str, Drive, Mapping[str, float]]
+SimulatedModel = tuple[str, Drive, Mapping[str, float]]
 
 
-def validate(experiments: Sequence[Experiment], models: Sequence[Model], options: ValidateOptions,
+def validate(experiments: Sequence[Experiment], models: Sequence[SimulatedModel], options: ValidateOptions,
              fitted_on: Sequence[Iterable[str]] = (), known: Sequence[Covariance | None] = ()) -> Validation:
-    """Every model on every record: simulation, one-step prediction, what is left over.
+    """Every model on every record: simulation, one-step prediction, residual.
 
     experiments  motor torque and any sensors; the start states of the free runs are fitted to
-                 the motor's speed, or else angle, so that the other sensors stay unseen; beside them are free
-                 runs of the whole stretches from the state that the first samples show
+                 the motor's speed, or else angle, so that the other sensors stay unseen; in addition there are
+                 free runs of the whole stretches from the state measured by the first samples
     models       (name, drive, noise of its file) each
-    options      bars, length of the free runs, seed, what is known of the start
+    options      limits, length of the free runs, seed, what is known of the start
     fitted_on    per model, the sha256 of the recordings its fit has seen
-    known        per model, the covariance of its parameters, which says what its fit leaves open
+    known        per model, the covariance of its parameters: the uncertainty of its fit
     returns      Validation; one check per model, record and measured output
     raises       BadParameters: a model that cannot be simulated; BadRecording, BadOption: see replay
     source       fit: Ostring et al. 2003; residual against input: Ljung 1999, sec. 16.6, and
@@ -41,16 +41,17 @@ def validate(experiments: Sequence[Experiment], models: Sequence[Model], options
     for _, drive, _ in models:
         drive.require(drive.missing(), "a simulation")
     seen = [frozenset(hashes) for hashes in fitted_on] or [frozenset()] * len(models)
-    files, names = numbered([e.name for e in experiments]), numbered([name for name, _, _ in models])
+    files, names = number_duplicates([e.name for e in experiments]), number_duplicates([name
+                                                                                        for name, _, _ in models])
     checks: list[RecordCheck] = []
     findings: list[Finding] = []
     limited: list[RecordCheck] = []
     to_rounding: list[RecordCheck] = []
-    exhibits: list[Exhibit] = []
-    for name, (_, drive, noise), hashes, spread in zip(
+    exhibits: list[PlotData] = []
+    for name, (_, drive, noise), hashes, covariance in zip(
             names, models, seen, known or [None] * len(models), strict=True):
         for file, experiment in zip(files, experiments, strict=True):
-            run = replay(experiment, drive, noise, options.segment, options.start, spread)
+            run = replay(experiment, drive, noise, options.segment, options.start, covariance)
             rounded = [only_rounding(run.measured[:, m], run.simulated[:, m], run.inputs)
                        for m in range(len(run.outputs))]
             found = [None if exact else _correlation(run, m, experiment, drive, options.seed)
@@ -58,16 +59,16 @@ def validate(experiments: Sequence[Experiment], models: Sequence[Model], options
             mine = [_check(name, file, experiment, run, m, c, options) for m, c in enumerate(found)]
             checks += mine
             to_rounding += [check for check, exact in zip(mine, rounded, strict=True) if exact]
-            findings += begun_otherwise(drive, run)
-            findings += remarks.of_record(experiment, experiments, hashes, mine[0])
-            findings += [] if options.segment else drift(experiment, drive, run, mine[0])
-            note = noise_limit(run, mine[0], options.max_correlation, options.seed)
+            findings += start_state_findings(drive, run)
+            findings += remarks.record_findings(experiment, experiments, hashes, mine[0])
+            findings += [] if options.segment else drift_findings(experiment, drive, run, mine[0])
+            note = noise_limit_findings(run, mine[0], options.max_correlation, options.seed)
             findings += note
             limited += mine[:1] if note else []
             for m, (check, correlation) in enumerate(zip(mine, found, strict=True)):
-                findings += remarks.of_check(check, correlation, options, check in to_rounding)
-                exhibits += _exhibits(experiment, run, m, check, correlation, options)
-    findings += remarks.of_ranking(checks)
+                findings += remarks.residual_findings(check, correlation, options, check in to_rounding)
+                exhibits += _plots(experiment, run, m, check, correlation, options)
+    findings += remarks.ranking_findings(checks)
     unseen = [e.sha256 not in hashes for hashes in seen for e in experiments]
     return Validation(
         tuple(checks), remarks.verdict(checks, options, any(unseen), limited, to_rounding), tuple(findings),
@@ -91,39 +92,39 @@ def _check(name: str, file: str, experiment: Experiment, run: Replay, m: int,
     one_step = fit_percent(run.measured[:, m], run.predicted[:, m])
     nan = float("nan")
     largest = nan if correlation is None else correlation.largest
-    wide, total = float(np.ptp(y)), float(np.sum((y - y.mean()) ** 2))
+    value_range, total = float(np.ptp(y)), float(np.sum((y - y.mean()) ** 2))
     return RecordCheck(
-        name, file, run.outputs[m], _unit(run.outputs[m], experiment), fit, one_step, rmse,
-        rmse / wide if wide else nan,
-        1.0 - float(e @ e) / total if wide and total else nan, int(known.sum()), largest,
+        name, file, run.outputs[m], _unit_of_role(run.outputs[m], experiment), fit, one_step, rmse,
+        rmse / value_range if value_range else nan,
+        1.0 - float(e @ e) / total if value_range and total else nan, int(known.sum()), largest,
         nan if correlation is None else float(correlation.band.max()),
         nan if correlation is None else 100.0 * correlation.outside,
         nan if correlation is None else correlation.p, whiteness(run.stretches(run.innovations[:, m])),
-        _fits(fit, options) and not largest > options.max_correlation,
+        _meets_min_fit(fit, options) and not largest > options.max_correlation,
         *_from_measured(run, m, options))
 
 
 def _from_measured(run: Replay, m: int, options: ValidateOptions) -> tuple[float | None, float | None]:
-    """(fit [%], rmse) of the free runs from the measured start; none of segments, which begin in any motion."""
+    """(fit [%], rmse) of the free runs from the measured start; None for segments, which begin in any motion."""
     if options.segment:
         return None, None
-    y, begun = run.measured[:, m], run.from_measured[:, m]
-    return fit_percent(y, begun), float(np.sqrt(np.nanmean((y - begun) ** 2)))
+    y, simulated = run.measured[:, m], run.from_measured[:, m]
+    return fit_percent(y, simulated), float(np.sqrt(np.nanmean((y - simulated) ** 2)))
 
 
-def _fits(fit: float, options: ValidateOptions) -> bool:
-    """Whether the fit meets its bar; a fit that is no number does not, where one was asked for."""
+def _meets_min_fit(fit: float, options: ValidateOptions) -> bool:
+    """Whether the fit meets its limit; a fit that is NaN does not, where a limit was requested."""
     return not fit < 0.0 if options.min_fit is None else fit >= options.min_fit
 
 
-def _exhibits(experiment: Experiment, run: Replay, m: int, check: RecordCheck,
-              correlation: Correlation | None, options: ValidateOptions) -> list[Exhibit]:
+def _plots(experiment: Experiment, run: Replay, m: int, check: RecordCheck,
+              correlation: Correlation | None, options: ValidateOptions) -> list[PlotData]:
     """Measured and simulated, and the correlation with its bands."""
     label, which = check.output.replace("_", " "), f"{check.file}, model {check.model}"
     time, y, s = experiment.time[run.index], run.measured[:, m], run.simulated[:, m]
     runs = f"free runs of {options.segment:g} s" if options.segment else "free run"
-    found = [Exhibit(
-        "record", f"{which}: {runs}, fit {fit_words(check.simulation_fit_percent, '.1f')}", "time [s]",
+    found = [PlotData(
+        "record", f"{which}: {runs}, fit {fit_text(check.simulation_fit_percent, '.1f')}", "time [s]",
         f"{label} [{check.unit}]", {
             "measured": (time, y), "simulated": (time, s), "residual": (time, y - s),
             f"torque [{experiment.torque_unit}]": (time, run.inputs[:, 0])})]
@@ -131,7 +132,7 @@ def _exhibits(experiment: Experiment, run: Replay, m: int, check: RecordCheck,
         return found
     size = correlation.band.shape[1]
     after = correlation.lags[-size:]
-    return [*found, Exhibit(
+    return [*found, PlotData(
         "correlation", f"{which}: residual and torque, p {check.correlation_p:.2g}",
         "lag [s]; left of zero only feedback, not judged", f"correlation with {label} residual", {
             "residual with torque": (correlation.lags, correlation.r[0]),
@@ -139,7 +140,7 @@ def _exhibits(experiment: Experiment, run: Replay, m: int, check: RecordCheck,
             f"limit {options.max_correlation:g}": (after, np.full(size, options.max_correlation))})]
 
 
-def _unit(role: str, experiment: Experiment) -> str:
+def _unit_of_role(role: str, experiment: Experiment) -> str:
     if role.endswith("torque"):
         return experiment.torque_unit
     return experiment.motion_unit + ("/s" if role.endswith("speed") else "")

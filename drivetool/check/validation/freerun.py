@@ -6,7 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from drivetool.check.validation.correlation import ALARM
+from drivetool.check.validation.correlation import DEPENDENCE_SIGNIFICANCE
 from drivetool.check.validation.replay import Replay, simulated
 from drivetool.check.validation.result import RecordCheck
 from drivetool.drive import Drive
@@ -15,12 +15,13 @@ from drivetool.identify.estimate import fit_percent
 from drivetool.identify.noise import with_torque_noise
 from drivetool.logs import Experiment
 
-DRAWS = 20  # runs with other torque noise
-SURE = 4.0  # standard deviations by which a drift exceeds what noise makes
+FREE_RUN_DRAWS = 20  # runs with other torque noise. A choice: their lowest fit is about the 5 % quantile
+# Standard deviations of the drift that noise causes: 6 false alarms in 100 000 normal ones.
+DRIFT_SIGNIFICANCE = 4.0
 
 
-def drift(experiment: Experiment, drive: Drive, run: Replay, check: RecordCheck) -> list[Finding]:
-    """A free run of a speed whose error is mostly a ramp, steeper than noise makes it.
+def drift_findings(experiment: Experiment, drive: Drive, run: Replay, check: RecordCheck) -> list[Finding]:
+    """A free run of a speed whose error is mostly a ramp, steeper than noise explains.
 
     run, check  of whole stretches, not segments; the first output
     """
@@ -35,7 +36,7 @@ def drift(experiment: Experiment, drive: Drive, run: Replay, check: RecordCheck)
         slope, level = np.polyfit(t, e, 1)
         share = 1.0 - np.var(e - slope * t - level) / np.var(e)
         torque, time = float(-slope * inertia), float(np.ptp(t))
-        if share > 0.5 and abs(torque) > SURE * _chance(run, inertia, len(e), time):
+        if share > 0.5 and abs(torque) > DRIFT_SIGNIFICANCE * _drift_torque_std(run, inertia, len(e), time):
             return [Finding(
                 "warning", "simulation-drifts",
                 f"In a free run by {check.model} the {check.output.replace('_', ' ')} of {check.file} drifts "
@@ -47,22 +48,22 @@ def drift(experiment: Experiment, drive: Drive, run: Replay, check: RecordCheck)
     return []
 
 
-def noise_limit(run: Replay, check: RecordCheck, limit: float, seed: int) -> list[Finding]:
+def noise_limit_findings(run: Replay, check: RecordCheck, limit: float, seed: int) -> list[Finding]:
     """How well the model would follow its own motion under other torque noise.
 
-    Across a gap a little noise decides when it closes: a long free run of a true model then loses
-    the motion, and its fit says little about the model. Asked only where the noise came with the
-    model and the residual speaks for it; anything else would excuse a wrong model.
+    A little noise decides when backlash closes: a long free run of a true model then diverges from the
+    motion, and its fit says little about the model. Tested only where the noise came with the model and the
+    residual agrees with it; anything else would excuse a wrong model.
 
     limit  of the correlation of residual and input
     """
-    doubtful = check.correlation_p < ALARM or check.max_correlation > limit
+    contradicted = check.correlation_p < DEPENDENCE_SIGNIFICANCE or check.max_correlation > limit
     noisy = run.known and run.noise.ratio * run.sigma > 0.0
-    if doubtful or not noisy or not check.simulation_fit_percent < 95.0:
+    if contradicted or not noisy or not check.simulation_fit_percent < 95.0:
         return []
     rng, fits = np.random.default_rng(seed), []
     clean = np.concatenate([r[:, 0] for r in simulated(run.problem, run.starts)])
-    for _ in range(DRAWS):
+    for _ in range(FREE_RUN_DRAWS):
         traces = tuple(with_torque_noise(
             t, run.noise.over(run.problem.steps(t)), run.sigma, rng) for t in run.problem.traces)
         other = np.concatenate([r[:, 0] for r in simulated(replace(run.problem, traces=traces), run.starts)])
@@ -71,15 +72,15 @@ def noise_limit(run: Replay, check: RecordCheck, limit: float, seed: int) -> lis
     if middle > 95.0 or fit < low:
         return []
     return [Finding(
-        "note", "noise-limits-the-free-run",
-        f"With the torque noise of {check.model} a free run over {check.file} cannot be foretold: a true "
+        "note", "free-run-noise-limited",
+        f"With the torque noise of {check.model} a free run over {check.file} cannot be predicted: a true "
         f"model explains about {middle:.0f} % of it, {low:.0f} % at worst; this one explains {fit:.0f} %.",
         {"simulation_fit_percent": fit, "attainable_fit_median": middle, "attainable_fit_low": low},
         "Judge by the residual, or by shorter free runs: --segment 1.")]
 
 
-def _chance(run: Replay, inertia: float, n: int, time: float) -> float:
-    """Std of the torque that a line through the error of a true model seems to be missing.
+def _drift_torque_std(run: Replay, inertia: float, n: int, time: float) -> float:
+    """Std of the missing torque that the slope of a true model's error suggests.
 
     Torque noise makes the error a random walk, whose fitted slope has 6/5 of the variance of its
     mean slope; the sensor adds the usual 12 / (n time^2).

@@ -1,4 +1,4 @@
-"""What a model says over the torque of a record: every speed, angle and shaft torque of the drive."""
+"""A model simulated over the torque of a record: every speed, angle and shaft torque of the drive."""
 
 from __future__ import annotations
 
@@ -8,11 +8,20 @@ from itertools import pairwise
 
 import numpy as np
 
-from drivetool.check.validation.replay import SHORTEST, start_states
+from drivetool.check.validation.replay import MIN_SEGMENT_SAMPLES, start_states
 from drivetool.drive import Assembly, Drive, Layout
 from drivetool.drive.simulation import Trace
 from drivetool.errors import BadOption
-from drivetool.identify.setup import Roles, Start, Task, first_states, known_states, problem_of, roles_of, traces_of
+from drivetool.identify.setup import (
+    KnownStart,
+    Roles,
+    Task,
+    first_states,
+    known_states,
+    problem_of,
+    roles_of,
+    traces_of,
+)
 from drivetool.logs import Experiment
 
 
@@ -43,29 +52,31 @@ class ModelRun:
         return self.motion_unit + ("/s" if role.endswith("speed") else "")
 
 
-def run_model(experiment: Experiment, drive: Drive, segment: float = 0.0, start: Start | None = None) -> ModelRun:
+def run_model(experiment: Experiment, drive: Drive, segment: float = 0.0,
+              start: KnownStart | None = None) -> ModelRun:
     """Simulate a drive over the torque of a record.
 
     experiment  motor torque and any sensors; start states are fitted to the first one, the
                 motor's speed or else angle
     drive       all inertias and stiffnesses must have a value
     segment     length of the free runs [s]; 0: whole stretches
-    start       what is known of the state in which the record begins. At rest all of it is: the twists are those of
-                standing still, the angle is that of the first sample, and nothing is fitted
-    raises      BadParameters: a value is missing; BadOption: segments too short, a start state that is none;
+    start       what is known of the state in which the record begins. At rest all of it is: the twists are those at
+                standstill, the angle is that of the first sample, and nothing is fitted
+    raises      BadParameters: a value is missing; BadOption: segments too short, an invalid start state;
                 BadRecording: no torque or no sensor of the motor
     """
     drive.require(drive.missing(), "a simulation")
-    if 0.0 < segment < SHORTEST * experiment.step:
-        raise BadOption(f"segments of at least {SHORTEST * experiment.step:g} s, {SHORTEST} samples",
-                        f"{segment:g} s", "Give --segment more, or 0 for one free run.")
+    if 0.0 < segment < MIN_SEGMENT_SAMPLES * experiment.step:
+        raise BadOption(
+            f"segments of at least {MIN_SEGMENT_SAMPLES * experiment.step:g} s, {MIN_SEGMENT_SAMPLES} samples",
+            f"{segment:g} s", "Give --segment more, or 0 for one free run.")
     seen = roles_of([experiment], drive)
     first, every = Roles(seen.inputs, seen.outputs[:1]), Roles(seen.inputs, _all_roles(drive, seen))
-    start = start or Start()
+    start = start or KnownStart()
     known = known_states(start, drive, (), every)
     task = Task(drive, (), first, (experiment,), known)
     problem = task.problem(segment)
-    traces = _with_all(traces_of([experiment], seen, segment, known), seen, every)
+    traces = _with_all_columns(traces_of([experiment], seen, segment, known), seen, every)
     steady = first_states(drive, first, problem.traces)
     resting = start.records.get(experiment.number, start).rest
     starts = [guess if resting and t.start else fitted for t, guess, fitted in zip(
@@ -95,7 +106,7 @@ def _all_roles(drive: Drive, seen: Roles) -> tuple[str, ...]:
 
 
 def _role_of(drive: Drive, body: str) -> str:
-    """The first body and the load's are motor and load in a recording, whatever the drive calls them."""
+    """The first body and the load's are motor and load in a recording, whatever their names in the drive."""
     if body == drive.bodies[0]:
         return "motor"
     if body == drive.load and "load" not in drive.bodies:
@@ -103,7 +114,7 @@ def _role_of(drive: Drive, body: str) -> str:
     return body
 
 
-def _with_all(traces: tuple[Trace, ...], seen: Roles, every: Roles) -> tuple[Trace, ...]:
+def _with_all_columns(traces: tuple[Trace, ...], seen: Roles, every: Roles) -> tuple[Trace, ...]:
     """The traces with a column for every role, empty where nothing was measured."""
     more = len(every.outputs) - len(seen.outputs)
     return tuple(replace(t, outputs=np.hstack([t.outputs, np.full((t.size, more), np.nan)])) for t in traces)
@@ -111,7 +122,7 @@ def _with_all(traces: tuple[Trace, ...], seen: Roles, every: Roles) -> tuple[Tra
 
 def _full_states(drive: Drive, first: Roles, every: Roles, traces: tuple[Trace, ...],
                  starts: Sequence[np.ndarray]) -> list[np.ndarray]:
-    """The fitted start states among those that the further angles ask for."""
+    """The fitted start states, with those that the further angles need."""
     step = traces[0].step
     few = Assembly(drive, Layout((), first.inputs, first.outputs, step, gradient=False)).states
     many = Assembly(drive, Layout((), every.inputs, every.outputs, step, gradient=False)).states
@@ -126,7 +137,7 @@ def _full_states(drive: Drive, first: Roles, every: Roles, traces: tuple[Trace, 
 
 
 def _join_angles(runs: list[np.ndarray], traces: tuple[Trace, ...], every: Roles) -> None:
-    """Angles whose zero says nothing: onto the measured ones, or on from the piece before. In place.
+    """Angles with an arbitrary zero: shifted to the measured ones, or continued from the piece before. In place.
 
     The first output stays as it is: its start was fitted.
     """

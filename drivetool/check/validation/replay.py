@@ -7,19 +7,19 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from drivetool.check.validation.left_open import likeliest, moved
+from drivetool.check.validation.fit_confidence_region import likeliest_drive_in_region, likeliest_noise_in_interval
 from drivetool.drive import Assembly, Drive, Layout
 from drivetool.drive.simulation import Filtered, Trace
 from drivetool.errors import BadOption, Finding
 from drivetool.identify.estimate import Covariance
 from drivetool.identify.fit import segment_states, smoothed_starts
-from drivetool.identify.noise import Noise, filtered, fit_ratio, minus_log_likelihood, with_state
+from drivetool.identify.noise import Noise, filtered, fit_ratio, minus_log_likelihood, with_disturbance_state
 from drivetool.identify.problem import Point, Problem, solve
 from drivetool.identify.setup import (
+    KnownStart,
     Roles,
-    Start,
     Task,
-    contradicted_start,
+    contradicted_start_findings,
     first_states,
     known_states,
     measured_states,
@@ -29,18 +29,19 @@ from drivetool.identify.setup import (
 )
 from drivetool.logs import Experiment
 
-TURNS = 2  # steps of the parameters to where they are likeliest, each with the noise anew
-SHORTEST = 20  # samples of a segment, which pays for its start states first
+# Gauss-Newton steps of the parameters, each with the noise re-estimated. A choice: the second one refines.
+MAX_REGION_STEPS = 2
+MIN_SEGMENT_SAMPLES = 20  # samples of a segment: far more than the start states that are fitted to them
 
 
 @dataclass(frozen=True)
 class Replay:
-    """What a model says about a record; arrays of all stretches in a row.
+    """A model run over a record; arrays of all stretches in a row.
 
     roles        of inputs and outputs; the start states were fitted to the first output
     index        (n,) samples of the record; ends: where each stretch ends in it
     inputs       (n, nu); measured, simulated, predicted: (n, ny), NaN where unmeasured
-    from_measured  (n, ny) simulated from the start state that the first samples show
+    from_measured  (n, ny) simulated from the start state measured by the first samples
     innovations  (n, ny) normalised errors of the one-step predictions
     noise        of the model, else of the passes, and sigma, the std of the first sensor
     known        whether the noise came with the model
@@ -73,7 +74,7 @@ class Replay:
 
 
 def replay(experiment: Experiment, drive: Drive, noise: Mapping[str, float], segment: float,
-           start: Start | None = None, known: Covariance | None = None) -> Replay:
+           start: KnownStart | None = None, known: Covariance | None = None) -> Replay:
     """Run a model over a record.
 
     experiment  motor torque and any sensors; start states are fitted to the first one only,
@@ -83,49 +84,52 @@ def replay(experiment: Experiment, drive: Drive, noise: Mapping[str, float], seg
                 where they are missing the ratio is estimated on the record
     segment     length of the free runs [s]; 0: whole stretches
     start       what is known of the state in which the record begins
-    known       covariance of the parameters by their fit: what is judged is the likeliest that it leaves open, of
-                the noise too; None: the model is taken as exact. Free runs are those of the drive as it is
-    raises      BadParameters: a value is missing; BadOption: segments too short, a start state that is none;
+    known       covariance of the parameters by their fit: the likeliest values and noise in its confidence region
+                are tested; None: the model is taken as exact. Free runs are those of the drive as it is
+    raises      BadParameters: a value is missing; BadOption: segments too short, an invalid start state;
                 BadRecording: no torque or no sensor
     """
     drive.require(drive.missing(), "a simulation")
-    if 0.0 < segment < SHORTEST * experiment.step:
-        raise BadOption(f"segments of at least {SHORTEST * experiment.step:g} s, {SHORTEST} samples",
-                        f"{segment:g} s", "Give --segment more, or 0 for one free run.")
+    if 0.0 < segment < MIN_SEGMENT_SAMPLES * experiment.step:
+        raise BadOption(
+            f"segments of at least {MIN_SEGMENT_SAMPLES * experiment.step:g} s, {MIN_SEGMENT_SAMPLES} samples",
+            f"{segment:g} s", "Give --segment more, or 0 for one free run.")
     every = roles_of([experiment], drive)
     first = Roles(every.inputs, every.outputs[:1])
-    begun = known_states(start or Start(), drive, (), every)
-    task = Task(drive, (), first, (experiment,), begun)
-    pieces, problem = traces_of([experiment], every, segment, begun), task.problem(segment)
+    known_start = known_states(start or KnownStart(), drive, (), every)
+    task = Task(drive, (), first, (experiment,), known_start)
+    pieces, problem = traces_of([experiment], every, segment, known_start), task.problem(segment)
     starts = start_states(task, problem)
     model = problem_of(drive, (), every, pieces)
-    runs, offsets = _joined(model, every, _with_angle(drive, every, first, pieces, starts))
-    measured_runs, more = _joined(model, every, measured_states(drive, every, pieces))
+    runs, offsets = _joined_free_runs(model, every, _with_motor_angle(drive, every, first, pieces, starts))
+    measured_runs, measured_offsets = _joined_free_runs(model, every, measured_states(drive, every, pieces))
     whole = traces_of([experiment], every)
     ends = np.cumsum([t.size for t in whole])
-    passes, spread = _passes(task, every, [replace(t, outputs=t.outputs - o.mean(axis=0)) for t, o in zip(
-        whole, np.split(offsets, ends[:-1]), strict=True)], noise, known)
+    passes, model_noise = _kalman_passes(
+        task, every, [replace(t, outputs=t.outputs - o.mean(axis=0)) for t, o in zip(
+            whole, np.split(offsets, ends[:-1]), strict=True)], noise, known)
     innovations = np.concatenate([p.innovations for p in passes])
     z = innovations / np.sqrt(np.concatenate([p.variance for p in passes]))
     measured = np.concatenate([t.outputs for t in whole])
     return Replay(
         every, np.concatenate([np.arange(a, b) for a, b in experiment.segments if b - a >= 10]),
         tuple(ends.tolist()), np.concatenate([t.inputs for t in whole]), measured,
-        runs + offsets, measured_runs + more,
-        measured - innovations, z, spread, float(np.sqrt(np.nanmean(z[:, 0] ** 2))),
-        _noise_of(first, noise, problem) is not None, problem, starts)
+        runs + offsets, measured_runs + measured_offsets,
+        measured - innovations, z, model_noise, float(np.sqrt(np.nanmean(z[:, 0] ** 2))),
+        _noise_of_file(first, noise, problem) is not None, problem, starts)
 
 
-def begun_otherwise(drive: Drive, run: Replay) -> list[Finding]:
+def start_state_findings(drive: Drive, run: Replay) -> list[Finding]:
     """Known start states of the free runs that the record contradicts."""
     roles = Roles(run.roles.inputs, run.roles.outputs[:1])
-    return contradicted_start(drive, roles, run.problem, Point(np.empty(0), run.starts), run.noise, run.sigma**2)
+    return contradicted_start_findings(drive, roles, run.problem, Point(np.empty(0), run.starts), run.noise,
+                                       run.sigma**2)
 
 
 def start_states(task: Task, problem: Problem) -> tuple[np.ndarray, ...]:
     """Start states of free runs that simulate each trace best, from several guesses.
 
-    Trace by trace: they share nothing, and across a gap one that fails must not stop the others.
+    Trace by trace: they are independent, and with backlash one that fails must not stop the others.
     """
     steady = first_states(task.drive, task.roles, problem.traces)
     tracked = segment_states(task, problem.traces)
@@ -135,7 +139,7 @@ def start_states(task: Task, problem: Problem) -> tuple[np.ndarray, ...]:
         points = [Point(np.empty(0), (guess,)) for guess in guesses[np.array_equal(*guesses):]]
         noise = fit_ratio(one, points[-1], Noise(1.0, None, one.scale))
         points.append(Point(np.empty(0), smoothed_starts(one, points[-1], noise)))
-        best = min((solve(one, point, most=40) for point in points), key=lambda s: s.cost)
+        best = min((solve(one, point, max_iterations=40) for point in points), key=lambda s: s.cost)
         found.append(best.point.starts[0])
     return tuple(found)
 
@@ -146,68 +150,69 @@ def simulated(problem: Problem, starts: Sequence[np.ndarray]) -> list[np.ndarray
     return [plant.outputs(t, s) for plant, t, s in zip(plants, problem.traces, starts, strict=True)]
 
 
-def _joined(model: Problem, roles: Roles, starts: Sequence[np.ndarray]) -> tuple[np.ndarray, np.ndarray]:
-    """(outputs of free runs in a row, by how much they are to be raised), each (n, ny)."""
+def _joined_free_runs(model: Problem, roles: Roles, starts: Sequence[np.ndarray]) -> tuple[np.ndarray, np.ndarray]:
+    """(outputs of free runs in a row, offsets to add to them), each (n, ny)."""
     runs = simulated(model, starts)
-    offsets = [np.tile(_offset(roles, t, r), (t.size, 1)) for t, r in zip(model.traces, runs, strict=True)]
+    offsets = [np.tile(_angle_offsets(roles, t, r), (t.size, 1)) for t, r in zip(model.traces, runs, strict=True)]
     return np.concatenate(runs), np.concatenate(offsets)
 
 
 def resonances(drive: Drive, step: float) -> list[float]:
-    """Frequencies [Hz] of the drive with its gaps closed, up to half the sampling rate."""
-    away = {n: drive.quantity(n).neutral for n in drive.values
+    """Resonances [Hz] of the drive with its backlash closed, up to half the sampling rate."""
+    neutral = {n: drive.quantity(n).neutral for n in drive.values
             if n.startswith("converter") or n.endswith(("half_gap", "coulomb"))}
-    closed = replace(drive, values={**drive.values, **away})
+    closed = replace(drive, values={**drive.values, **neutral})
     s = Assembly(closed, Layout((), ("motor_torque",), (), step, gradient=False)).system()
     poles = np.linalg.eigvals(s.rows[:, :s.nx, 0] / s.mass[:, :1])
     found = np.abs(poles[poles.imag > 1e-9 * np.abs(poles)]) / (2.0 * np.pi)
     return sorted(float(f) for f in found if f < 0.5 / step)
 
 
-def _passes(task: Task, every: Roles, whole: Sequence[Trace],
+def _kalman_passes(task: Task, every: Roles, whole: Sequence[Trace],
             noise: Mapping[str, float], known: Covariance | None) -> tuple[list[Filtered], Noise]:
-    """Kalman passes over whole stretches: the first output on its own, the others with it.
+    """Kalman passes over whole stretches: the first output alone, the others together with it.
 
-    A load sensor with a wrong scale must not spoil what is said about the motor.
+    A load sensor with a wrong scale must not distort the residual of the motor.
     """
     first = [replace(t, outputs=t.outputs[:, :1]) for t in whole]
-    passes, model = _track(task, task.roles, first, noise, known)
+    passes, model = _passes_of_likeliest(task, task.roles, first, noise, known)
     if len(every.outputs) == 1:
         return passes, model
-    both, _ = _track(task, every, whole, noise, known)
+    both, _ = _passes_of_likeliest(task, every, whole, noise, known)
     joined = [replace(b, innovations=np.hstack([a.innovations, b.innovations[:, 1:]]),
                       variance=np.hstack([a.variance, b.variance[:, 1:]]))
               for a, b in zip(passes, both, strict=True)]
     return joined, model
 
 
-def _track(task: Task, roles: Roles, traces: Sequence[Trace], noise: Mapping[str, float],
+def _passes_of_likeliest(task: Task, roles: Roles, traces: Sequence[Trace], noise: Mapping[str, float],
            known: Covariance | None) -> tuple[list[Filtered], Noise]:
-    """Kalman passes of the likeliest model that the fit leaves open, and the noise of the model as it came."""
+    """Kalman passes of the likeliest model in the confidence region of the fit, and the noise of its file."""
     problem = problem_of(task.drive, (), roles, traces)
-    first, told = Point(np.empty(0), first_states(task.drive, roles, traces)), _noise_of(roles, noise, problem)
-    if told is None:
+    first, file_noise = (Point(np.empty(0), first_states(task.drive, roles, traces)),
+                         _noise_of_file(roles, noise, problem))
+    if file_noise is None:
         guess = fit_ratio(problem, first, Noise(1.0, None, problem.scale))
         first = replace(first, starts=smoothed_starts(problem, first, guess))
-        tracked = _tracked(problem, first, fit_ratio(problem, first, guess))
+        tracked = _with_best_starts(problem, first, fit_ratio(problem, first, guess))
     else:
-        tracked = _tracked(problem, first, told)
+        tracked = _with_best_starts(problem, first, file_noise)
     if known is None:
         return filtered(tracked.problem, tracked.point, tracked.noise, keep=False), tracked.noise
-    tracked = _tracked(problem, tracked.point, tracked.noise, told)
-    for _ in range(TURNS):
-        drive = moved(task.drive, roles, traces, tracked.point, tracked.noise, known)
+    tracked = _with_best_starts(problem, tracked.point, tracked.noise, file_noise)
+    for _ in range(MAX_REGION_STEPS):
+        drive = likeliest_drive_in_region(task.drive, roles, traces, tracked.point, tracked.noise, known)
         if drive is None:
             break
-        trial = _tracked(problem_of(drive, (), roles, traces), tracked.point, tracked.noise, told)
+        trial = _with_best_starts(problem_of(drive, (), roles, traces), tracked.point, tracked.noise, file_noise)
         if trial.value >= tracked.value:
             break
         tracked = trial
-    return filtered(tracked.problem, tracked.point, tracked.noise, keep=False), told or tracked.noise
+    return filtered(tracked.problem, tracked.point, tracked.noise, keep=False), file_noise or tracked.noise
 
 
 @dataclass(frozen=True)
-class _Tracked:
+class _StartedModel:
     """A model over whole stretches: start states that predict best under its noise, and its -log likelihood."""
 
     problem: Problem
@@ -216,20 +221,23 @@ class _Tracked:
     value: float
 
 
-def _tracked(problem: Problem, point: Point, noise: Noise, told: Noise | None = None) -> _Tracked:
+def _with_best_starts(
+        problem: Problem, point: Point, noise: Noise, file_noise: Noise | None = None) -> _StartedModel:
     """The model from start states near those of a point.
 
-    noise  under which they are found; told: about which the likeliest one is sought first, None: none is
+    noise       under which they are found
+    file_noise  noise of the file, whose interval has the likeliest one; None: none
     """
     point = Point(point.values, tuple(s[:len(problem.free_start)] for s in point.starts))
-    noise = noise if told is None else likeliest(problem, point, told)
+    noise = noise if file_noise is None else likeliest_noise_in_interval(problem, point, file_noise)
     gains = [f.gains for f in filtered(problem, point, noise)]
-    point = solve(problem.with_memory(noise.memory), with_state(point, noise), gains, most=10).point
-    return _Tracked(problem, point, noise, minus_log_likelihood(filtered(problem, point, noise, keep=False)))
+    point = solve(problem.with_memory(noise.memory), with_disturbance_state(point, noise), gains,
+                  max_iterations=10).point
+    return _StartedModel(problem, point, noise, minus_log_likelihood(filtered(problem, point, noise, keep=False)))
 
 
-def _noise_of(roles: Roles, noise: Mapping[str, float], problem: Problem) -> Noise | None:
-    """The noise of a parameter file for these sensors; None if it does not say."""
+def _noise_of_file(roles: Roles, noise: Mapping[str, float], problem: Problem) -> Noise | None:
+    """The noise of a parameter file for these sensors; None if it has none."""
     sensor, torque = noise.get(f"sensor_std.{roles.outputs[0]}", 0.0), noise.get("torque_std")
     if torque is None or sensor <= 0.0:
         return None
@@ -240,7 +248,7 @@ def _noise_of(roles: Roles, noise: Mapping[str, float], problem: Problem) -> Noi
                  slow=noise.get("torque_slow_share") if time > 0.0 else None)
 
 
-def _with_angle(drive: Drive, every: Roles, first: Roles, traces: Sequence[Trace],
+def _with_motor_angle(drive: Drive, every: Roles, first: Roles, traces: Sequence[Trace],
                 starts: Sequence[np.ndarray]) -> list[np.ndarray]:
     """Start states with the motor angle in its place where another sensor needs it."""
     found = []
@@ -250,10 +258,10 @@ def _with_angle(drive: Drive, every: Roles, first: Roles, traces: Sequence[Trace
     return found
 
 
-def _offset(roles: Roles, trace: Trace, run: np.ndarray) -> np.ndarray:
+def _angle_offsets(roles: Roles, trace: Trace, run: np.ndarray) -> np.ndarray:
     """(ny,) by how much angles beyond the first output lie above the simulated ones.
 
-    The zero of a second encoder is its own and says nothing about the model.
+    The zero of a second encoder is arbitrary and no property of the model.
     """
     offset = np.zeros(len(roles.outputs))
     for m, role in enumerate(roles.outputs[1:], 1):

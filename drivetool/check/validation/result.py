@@ -1,4 +1,4 @@
-"""What validate is asked and what it returns."""
+"""The options of validate and what it returns."""
 
 from __future__ import annotations
 
@@ -7,22 +7,22 @@ from dataclasses import dataclass, field
 from typing import Literal
 
 from drivetool.errors import Finding
-from drivetool.identify.estimate import Exhibit
-from drivetool.identify.setup import Start
+from drivetool.identify.estimate import PlotData
+from drivetool.identify.setup import KnownStart
 from drivetool.logs import Source
 
 
 @dataclass(frozen=True)
 class ValidateOptions:
-    """Bars and ways of a validation.
+    """Limits and criterion of a validation.
 
     min_fit          least simulation fit [%]; None: what a constant explains, which is nothing
-    max_correlation  largest |cross-correlation| of residual and input that is let pass
+    max_correlation  largest |cross-correlation| of residual and input that passes
     segment          length [s] of the free runs; 0: one per uninterrupted stretch of record
-    seed             of the draws behind p-values and the fit that noise leaves possible
+    seed             of the draws behind p-values and behind the fit attainable under noise
     start            what is known of the state in which every recording begins
-    criterion        simulation of the motion; inverse: the torque that the motion asks for; coast-down: the motion
-                     of run-downs without torque
+    criterion        simulation of the motion; inverse: the required torque; coast-down: the motion of coast-downs
+                     without torque
     flux_decay       coast-down: time after switching off that is left out [s]
     """
 
@@ -30,7 +30,7 @@ class ValidateOptions:
     max_correlation: float = 0.15
     segment: float = 0.0
     seed: int = 1
-    start: Start = field(default_factory=Start)
+    start: KnownStart = field(default_factory=KnownStart)
     criterion: Literal["simulation", "inverse", "coast-down"] = "simulation"
     flux_decay: float | None = None
 
@@ -52,15 +52,15 @@ class RecordCheck:
     band                    97 % band for one lag, Bartlett-corrected
     lags_outside_percent    share of lags outside the band; 3 % is chance
     correlation_p           family-wise p-value over all the lags
-    whiteness_p             Ljung-Box of the one-step errors, information only
-    passed                  whether every bar that was set is met
-    measured_start_fit_percent, measured_start_rmse  of the free run from the state that the first samples show;
+    whiteness_p             Ljung-Box of the one-step prediction errors, information only
+    passed                  whether every limit that was set is met
+    measured_start_fit_percent, measured_start_rmse  of the free run from the state measured by the first samples;
                             None for segments, which begin in any motion
     rmse_percent            by inverse dynamics: rmse over the root mean square of the torque
-    rmse_counts             of an angle by counts: rmse over count/sqrt(12), which is 1 if counts alone are left
-    nrmse_mean              of a run-down's speed: rmse over its mean
-    sensor_rmse             of a run-down: rmse that the sensor alone leaves, in the unit of `output`
-    parameters_rmse         of a run-down: rmse that the uncertainty of the parameters makes; None: it is not known
+    rmse_counts             of an angle by counts: rmse over count/sqrt(12), which is 1 for quantisation alone
+    nrmse_mean              of a coast-down's speed: rmse over its mean
+    sensor_rmse             of a coast-down: rmse of the sensor alone, in the unit of `output`
+    parameters_rmse         of a coast-down: rmse by the uncertainty of the parameters; None: it is not known
     """
 
     model: str
@@ -100,5 +100,5 @@ class Validation:
     findings: tuple[Finding, ...] = ()
     data: tuple[Source, ...] = ()
     options: Mapping[str, object] = field(default_factory=dict)
-    exhibits: tuple[Exhibit, ...] = ()
+    exhibits: tuple[PlotData, ...] = ()
     unexplained: bool = False

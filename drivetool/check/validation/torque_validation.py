@@ -1,4 +1,4 @@
-"""Does the motion of a record ask for the torque that was logged? Validation by inverse dynamics."""
+"""Does the motion of a record require the torque that was logged? Validation by inverse dynamics."""
 
 from __future__ import annotations
 
@@ -10,16 +10,16 @@ from drivetool.check.validation import remarks
 from drivetool.check.validation.result import RecordCheck, ValidateOptions, Validation
 from drivetool.drive import Drive
 from drivetool.errors import BadOption, Finding, NotEnoughData
-from drivetool.identify.estimate import Exhibit, fit_words
-from drivetool.identify.inverse import recorded
-from drivetool.identify.motion import logged_as_it_acts, torque_fit, torque_picture
-from drivetool.identify.setup import Start, roles_of
-from drivetool.logs import Experiment, numbered
+from drivetool.identify.estimate import PlotData, fit_text
+from drivetool.identify.inverse import regression_of
+from drivetool.identify.motion import check_no_signal_path, torque_fit, torque_picture
+from drivetool.identify.setup import KnownStart, roles_of
+from drivetool.logs import Experiment, number_duplicates
 
 
 def validate_torque(experiments: Sequence[Experiment], models: Sequence[tuple[str, Drive]],
                     options: ValidateOptions, fitted_on: Sequence[Iterable[str]] = ()) -> Validation:
-    """Every model on every record: the torque that the motion asks for against the logged one.
+    """Every model on every record: the required torque against the logged one.
 
     experiments  motor_torque, and the motor's speed or angle
     models       (name, drive) each
@@ -32,49 +32,49 @@ def validate_torque(experiments: Sequence[Experiment], models: Sequence[tuple[st
     if not experiments or not models:
         raise NotEnoughData("at least one recording and one model", f"{len(experiments)} and {len(models)}",
                             "Name a log file, and a parameter file after --params.")
-    if options.start != Start() or options.segment:
+    if options.start != KnownStart() or options.segment:
         raise BadOption("free runs for --start and --segment", "--criterion inverse, which makes none",
                         "Leave them out, or --criterion.")
     seen = [frozenset(hashes) for hashes in fitted_on] or [frozenset()] * len(models)
-    files, names = numbered([e.name for e in experiments]), numbered([name for name, _ in models])
+    files, names = number_duplicates([e.name for e in experiments]), number_duplicates([name for name, _ in models])
     checks: list[RecordCheck] = []
     findings: list[Finding] = []
-    exhibits: list[Exhibit] = []
+    exhibits: list[PlotData] = []
     for name, (_, drive), hashes in zip(names, models, seen, strict=True):
-        drive.require(drive.missing(), "the torque that a motion asks for")
-        logged_as_it_acts(drive, ())
+        drive.require(drive.missing(), "the torque that a motion requires")
+        check_no_signal_path(drive, ())
         for file, e in zip(files, experiments, strict=True):
-            check, picture = _checked(name, file, e, drive, options)
+            check, picture = _check_record(name, file, e, drive, options)
             checks.append(check)
             exhibits.append(picture)
-            findings += remarks.of_record(e, experiments, hashes, check)
-            findings += remarks.of_fit(check, options, "The motion asks for less of")
+            findings += remarks.record_findings(e, experiments, hashes, check)
+            findings += remarks.fit_findings(check, options, "The motion explains less of")
     unseen = any(e.sha256 not in hashes for hashes in seen for e in experiments)
     return Validation(tuple(checks), _verdict(checks, unseen), tuple(findings),
                       tuple(e.source for e in experiments), {}, tuple(exhibits))
 
 
-def _checked(name: str, file: str, e: Experiment, drive: Drive,
-             options: ValidateOptions) -> tuple[RecordCheck, Exhibit]:
+def _check_record(name: str, file: str, e: Experiment, drive: Drive,
+             options: ValidateOptions) -> tuple[RecordCheck, PlotData]:
     roles = roles_of([e], drive)
-    q = recorded([e], drive, (), roles.outputs[0], roles.inputs[1:]).with_motion()[0]
+    q = regression_of([e], drive, (), roles.outputs[0], roles.inputs[1:]).with_motion()[0]
     if not q.used.any():
         raise NotEnoughData("samples in which the motor moves", f"none in {e.name}",
                             "Record a motion that is no standstill.")
-    f, nan, wide = torque_fit([q]), float("nan"), float(np.ptp(q.torque[q.used]))
+    f, nan, value_range = torque_fit([q]), float("nan"), float(np.ptp(q.torque[q.used]))
     check = RecordCheck(
-        name, file, "motor_torque", e.torque_unit, f.fit_percent, None, f.rmse, f.rmse / wide if wide else nan,
-        1.0 - f.over_sd**2, f.n, nan, nan, nan, nan, None,
+        name, file, "motor_torque", e.torque_unit, f.fit_percent, None, f.rmse,
+        f.rmse / value_range if value_range else nan, 1.0 - f.over_sd**2, f.n, nan, nan, nan, nan, None,
         f.fit_percent >= (0.0 if options.min_fit is None else options.min_fit),  # a constant torque has no fit
         rmse_percent=100.0 * f.over_rms)
-    title = f"{file}, model {name}: torque that the motion asks for, fit {fit_words(f.fit_percent, '.1f')}"
+    title = f"{file}, model {name}: torque that the motion asks for, fit {fit_text(f.fit_percent, '.1f')}"
     return check, torque_picture(e, q, title)
 
 
 def _verdict(checks: Sequence[RecordCheck], unseen: bool) -> str:
     missed = [c for c in checks if not c.passed]
     worst = min(missed or checks, key=lambda c: np.nan_to_num(c.simulation_fit_percent, nan=-np.inf))
-    share = fit_words(worst.simulation_fit_percent)
+    share = fit_text(worst.simulation_fit_percent)
     figures = (f"the motion in {worst.file} explains {share} of the torque (model {worst.model}) "
                f"and errs by {worst.rmse:.3g} {worst.unit}, {worst.rmse_percent:.3g} % of its rms")
     start = f"Not passed: {len(missed)} of {len(checks)} checks miss a bar; worst, " if missed else (

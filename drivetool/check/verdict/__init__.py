@@ -1,6 +1,6 @@
-"""Takes a finished search and says what it means.
+"""Turns a finished search into a diagnosis.
 
-Facts, the table of rules, sentence, sizes, experiment and exhibits come out as one diagnosis. It runs no search.
+Facts, the table of rules, sentence, sizes, experiment and plot data make one diagnosis. It runs no search.
 """
 
 import lazy_loader

@@ -1,4 +1,4 @@
-"""What a verdict is made from: figures and names of a finished search, each computed once."""
+"""The facts behind a verdict: figures and names of a finished search, each computed once."""
 
 from __future__ import annotations
 
@@ -7,78 +7,81 @@ from types import MappingProxyType
 from typing import TYPE_CHECKING
 
 from drivetool.check.causes import CAUSES
-from drivetool.check.fit import BROKEN
+from drivetool.check.fit import FIT_ERRORS
 from drivetool.check.heldout import error_by_noise
-from drivetool.check.outcome import Facts, Gain, taken_for_noise
+from drivetool.check.outcome import Facts, Gain, noise_hides_law
 from drivetool.check.starts import torque_size
 from drivetool.check.verdict.by_speed import share_by_speed
-from drivetool.drive.effects import TORQUES
+from drivetool.drive.effects import STEP_TORQUES
 from drivetool.identify.estimate import Estimate
 
 if TYPE_CHECKING:
-    from drivetool.check.search import Searched
+    from drivetool.check.search import SearchResult
 
-PLAIN = 50.0  # log likelihood on data held out from which an event is one whatever blocks say
+# Log likelihood on held-out data from which an event counts although only one block supports it. A choice: a
+# smaller one may be breakaway friction that has no candidate of its own.
+CLEAR_EVENT_GAIN = 50.0
 
 FACTS: Mapping[str, str] = MappingProxyType({
     "faults": "causes that lie in the records",
-    "by_model": "those of them that only the drive tells, which may lack a law",
+    "by_model": "those of them that only the fitted drive shows, which may lack a law",
     "causes": "laws that were found",
     "between": "laws found that have rivals, and these",
     "strongest": "the law with the largest evidence",
-    "hardly": "laws that blocks of data held out tell by less than two standard errors, plain events aside",
-    "unasked": "what explains the records but was not to be looked for",
+    "hardly": "laws with a gain on held-out blocks below two standard errors, except clear events",
+    "unasked": "a cause that explains the records but was not among the requested candidates",
     "gained": "log likelihood gained on data held out",
-    "left": "log likelihood that one-step errors still ask for, beyond what chance gives",
-    "left_time": "the same by values of its own for each half of the records",
-    "repeats": "whether one-step errors of the last fit are correlated",
+    "left": "log likelihood that the residual tests of the one-step prediction errors gain beyond chance",
+    "left_time": "the same by separate parameters for each half of the records",
+    "repeats": "whether one-step prediction errors of the last fit are correlated",
     "before": "rms error of free runs over data held out without the laws found, fitted to the same samples",
     "after": "the same with them",
-    "scatter": "what a difference of these errors is weighed against, from their scatter over blocks",
+    "scatter": "uncertainty of the difference of these errors, from their scatter over blocks",
     "floor": "noise of the sensor alone, in the same unit",
-    "by_noise": "the error of free runs that the model's own noise makes; none where no law could hide behind it",
+    "by_noise": "free-run error that the model's own noise causes; none where no law could hide behind the noise",
     "left_percent": "`left` in per cent of what could be explained",
-    "torque_noise": "std of the torque's noise over the spread of the torque",
+    "torque_noise": "std of the torque noise over the std of the torque",
     "load_changes": "instants at which a load changes",
-    "by_speed": "share of these loads' variance that a function of the speed has; none with fewer than two",
-    "other_values": "whether records held out ask for other values",
+    "by_speed": "share of these loads' variance that a function of speed explains; none with fewer than two",
+    "other_values": "whether held-out records need other parameter values",
 })
 
 
-def facts_of(search: Searched, estimate: Estimate) -> Facts:
-    """The facts of a search and of the last fit of what it found."""
+def facts_of(search: SearchResult, estimate: Estimate) -> Facts:
+    """The facts of a search and of the last fit with the causes found."""
     found, gain = search.found, search.judged_gain()
     share = estimate.noise.get("torque_std", 0.0) / torque_size(search.first.model)
-    changes = sum(n.endswith(TORQUES) for n in search.model.task.free) if "load-step" in found.causes else 0
+    changes = sum(n.endswith(STEP_TORQUES) for n in search.model.task.free) if "load-step" in found.causes else 0
     return Facts(
         tuple(dict.fromkeys(f.code for f in search.faults)),
         tuple(dict.fromkeys(f.code for f in search.faults if all(
             other.shaft for other in search.faults if other.code == f.code))),
         tuple(found.causes), found.between,
-        max(found.causes, key=lambda c: found.evidence[c], default=""), hardly_told(search), search.unasked,
+        max(found.causes, key=lambda c: found.evidence[c], default=""), weakly_supported(search), search.unasked,
         found.gained, search.left.total, search.left.time, estimate.repeats, gain.held_out_rmse_before,
-        gain.held_out_rmse_after, gain.rmse_bar, gain.noise_floor, _made_by_noise(search, gain, share),
+        gain.held_out_rmse_after, gain.rmse_bar, gain.noise_floor, _error_from_noise(search, gain, share),
         gain.unexplained_percent, share, changes, share_by_speed(search.model) if changes > 1 else None,
         search.change is not None)
 
 
-def hardly_told(search: Searched) -> tuple[str, ...]:
-    """The causes of which the blocks held out hardly agree that they are there at all.
+def weakly_supported(search: SearchResult) -> tuple[str, ...]:
+    """The causes whose gain on held-out blocks is below two standard errors.
 
-    A small step at a reversal is what breakaway friction leaves that no candidate says. An event is in one block
-    only, whatever the others say.
+    Breakaway friction without its own candidate appears as a small step at a reversal. An event lies in one block
+    only; the other blocks do not count against it.
     """
     return tuple(c.code for one in search.rounds for c in one.candidates
                  if c.code == one.cause and c.code in search.found.causes and not c.sure
-                 and c.code not in search.found.sure and not (CAUSES[c.code].event and (c.gain or 0.0) > PLAIN))
+                 and c.code not in search.found.sure
+                 and not (CAUSES[c.code].event and (c.gain or 0.0) > CLEAR_EVENT_GAIN))
 
 
-def _made_by_noise(search: Searched, gain: Gain, share: float) -> float | None:
-    """The error of free runs that noise makes, where a law may hide behind it; None elsewhere."""
-    if not search.found.causes or not taken_for_noise(
+def _error_from_noise(search: SearchResult, gain: Gain, share: float) -> float | None:
+    """The free-run error that noise causes, where a law may hide behind the noise; None elsewhere."""
+    if not search.found.causes or not noise_hides_law(
             gain.held_out_rmse_before, gain.held_out_rmse_after, gain.noise_floor, share):
         return None
     try:
         return error_by_noise(search.trained, search.folds)
-    except BROKEN:  # nothing is known of it: as if it made none
+    except FIT_ERRORS:  # unknown: taken as zero
         return 0.0

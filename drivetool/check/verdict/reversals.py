@@ -1,4 +1,4 @@
-"""The error around reversals, where backlash and dry friction show."""
+"""The error around reversals, where backlash and dry friction appear."""
 
 from __future__ import annotations
 
@@ -8,11 +8,13 @@ from dataclasses import dataclass
 import numpy as np
 
 from drivetool.check.verdict.view import View
-from drivetool.identify.estimate import Exhibit
+from drivetool.identify.estimate import PlotData
 
-BEFORE, AFTER = 0.1, 0.4  # s around a reversal
-DEAD = 0.02  # of the range that a signal must leave on either side to have reversed
-FEWEST = 3  # reversals that make an average
+# S around a reversal. A choice: the error before is the reference, the effect follows.
+TIME_BEFORE_REVERSAL, TIME_AFTER_REVERSAL = 0.1, 0.4
+# Of the range that a signal must leave on either side. A choice: noise about zero is no reversal.
+REVERSAL_DEAD_BAND = 0.02
+MIN_REVERSALS = 3  # reversals. A choice: an average over fewer shows single events
 
 
 @dataclass(frozen=True)
@@ -29,14 +31,14 @@ def reversals_of(views: Sequence[View]) -> list[list[Reversals]]:
     found = []
     for view in views:
         signals = {"speed": view.speed, f"shaft {view.words[1]}": view.shaft}
-        found.append([Reversals(what, *_crossings(signal, view.pieces()))
+        found.append([Reversals(what, *_sign_changes(signal, view.pieces()))
                       for what, signal in signals.items() if signal is not None])
     return found
 
 
-def _crossings(signal: np.ndarray, pieces: Sequence[slice]) -> tuple[np.ndarray, np.ndarray]:
+def _sign_changes(signal: np.ndarray, pieces: Sequence[slice]) -> tuple[np.ndarray, np.ndarray]:
     """(index, direction) of sign changes that leave a dead band on both sides, within one run each."""
-    band = DEAD * float(np.ptp(signal))
+    band = REVERSAL_DEAD_BAND * float(np.ptp(signal))
     index, direction = [], []
     for piece in pieces:
         y = signal[piece]
@@ -50,19 +52,19 @@ def _crossings(signal: np.ndarray, pieces: Sequence[slice]) -> tuple[np.ndarray,
     return np.array(index, int), np.array(direction, float)
 
 
-def around(views: Sequence[View], reversals: Sequence[Sequence[Reversals]]) -> list[Exhibit]:
-    """Mean and size of the error around reversals, turned so that all go upwards."""
+def reversal_plots(views: Sequence[View], reversals: Sequence[Sequence[Reversals]]) -> list[PlotData]:
+    """Mean and rms of the error around reversals, with its sign changed where the signal falls."""
     found = []
     step = float(np.median(np.diff(views[0].time)))
-    reach = np.arange(-round(BEFORE / step), round(AFTER / step) + 1)
+    reach = np.arange(-round(TIME_BEFORE_REVERSAL / step), round(TIME_AFTER_REVERSAL / step) + 1)
     for what in dict.fromkeys(r.what for each in reversals for r in each):
         cuts = {"before": [], "after": []}
         for view, each in zip(views, reversals, strict=True):
             for one in (r for r in each if r.what == what):
                 for which, error in view.errors.items():
-                    cuts[which] += _cuts(view, error, one, reach)
+                    cuts[which] += _errors_around(view, error, one, reach)
         n = len(cuts["before"])
-        if n < FEWEST:
+        if n < MIN_REVERSALS:
             continue
         curves = {}
         for which, rows in cuts.items():
@@ -74,14 +76,14 @@ def around(views: Sequence[View], reversals: Sequence[Sequence[Reversals]]) -> l
             curves[f"mean {which}"] = (reach * step, mean)
             curves[f"size {which}"] = (reach * step, size)
         label, unit = views[0].words[0], views[0].units[0]
-        found.append(Exhibit(
+        found.append(PlotData(
             "diagnosis-residual-reversal", f"Error around {n} reversals of the {what}",
             f"time after the {what} changes its sign [s]", f"error of {label} [{unit}]", curves))
     return found
 
 
-def _cuts(view: View, error: np.ndarray, one: Reversals, reach: np.ndarray) -> list[np.ndarray]:
-    """The error around each reversal, NaN beyond its free run, counted from its start value."""
+def _errors_around(view: View, error: np.ndarray, one: Reversals, reach: np.ndarray) -> list[np.ndarray]:
+    """The error around each reversal, less its mean before, NaN beyond its free run."""
     found = []
     edges = np.array([*view.breaks, len(view.time)])
     for at, side in zip(one.index, one.direction, strict=True):
@@ -91,6 +93,6 @@ def _cuts(view: View, error: np.ndarray, one: Reversals, reach: np.ndarray) -> l
         row = np.full(len(reach), np.nan)
         row[inside] = side * error[index[inside]]
         early = row[reach < 0]
-        if np.isfinite(early).any():  # a free run brings along what went wrong before
+        if np.isfinite(early).any():  # a free run carries earlier errors along
             found.append(row - np.nanmean(early))
     return found

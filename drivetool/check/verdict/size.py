@@ -1,4 +1,4 @@
-"""How large a cause is: its telling parameter with its interval, and a torque in per cent of the motor's."""
+"""How large a cause is: its size parameter with its interval, and a torque in per cent of the motor's."""
 
 from __future__ import annotations
 
@@ -13,29 +13,29 @@ from drivetool.check.starts import largest_torque
 from drivetool.identify.estimate import Z95, Estimate, Parameter
 
 if TYPE_CHECKING:
-    from drivetool.check.search import Found
+    from drivetool.check.search import SelectedCauses
 
-MOST = 10  # digits
+MAX_DIGITS = 10  # digits: as many as the files have
 SINE, COSINE = "_sine", "_cosine"
 
 
-def sizes_of(found: Found, estimate: Estimate, base: Model) -> dict[str, str]:
+def sizes_of(found: SelectedCauses, estimate: Estimate, base: Model) -> dict[str, str]:
     """Cause -> 'load.coulomb 0.402 Nm (0.381 to 0.423, 95 %), 3.1 % of the largest torque'; without any, nothing.
 
     base  over the records, for the largest torque that the motor gives there
     """
-    told = {}
+    sizes = {}
     for code in found.causes:
         names, cause = set(found.added.get(code, ())), CAUSES[code]
         mine = [p for p in estimate.parameters if p.name in names and p.name.endswith(f".{cause.sizes[0]}")]
-        words = [_words(_wave(p, estimate), base) for p in mine]
+        words = [_size_text(_as_amplitude(p, estimate), base) for p in mine]
         if words:
-            told[code] = " and ".join(words)
-    return told
+            sizes[code] = " and ".join(words)
+    return sizes
 
 
-def _wave(p: Parameter, estimate: Estimate) -> Parameter:
-    """A sine with its cosine as one amplitude, without interval where one of them has none; others as they are."""
+def _as_amplitude(p: Parameter, estimate: Estimate) -> Parameter:
+    """A sine with its cosine as one amplitude, without interval where one of them has none; others unchanged."""
     if not p.name.endswith(SINE):
         return p
     name = p.name.removesuffix(SINE)
@@ -43,9 +43,9 @@ def _wave(p: Parameter, estimate: Estimate) -> Parameter:
     if other is None:
         return p
     size = float(np.hypot(p.value, other.value))
-    told = p.ci95 is not None and other.ci95 is not None
+    has_intervals = p.ci95 is not None and other.ci95 is not None
     along = np.array([p.value, other.value]) / max(size, 1e-300)
-    std = _std_along(estimate, (p.name, other.name), along) if told else None
+    std = _std_along(estimate, (p.name, other.name), along) if has_intervals else None
     interval = None if std is None else (max(size - Z95 * std, 0.0), size + Z95 * std)
     return Parameter(name, size, p.unit, std=std, ci95=interval)
 
@@ -59,15 +59,16 @@ def _std_along(estimate: Estimate, names: Sequence[str], direction: np.ndarray) 
     return float(np.sqrt(max(direction @ known.matrix[np.ix_(at, at)] @ direction, 0.0)))
 
 
-def _words(p: Parameter, base: Model) -> str:
+def _size_text(p: Parameter, base: Model) -> str:
     """Name, value, unit, interval; of a torque its share, of a bandwidth its time constant."""
     name, value, ends, unit = p.name, p.value, p.ci95, p.unit
     if name.endswith(".bandwidth") and value > 0.0:
         name, value, unit = f"the time constant of {name}", 1.0 / value, "s"
         ends = (1.0 / ends[1], 1.0 / ends[0]) if ends and ends[0] > 0.0 else None
-    # As many digits as the interval is wide in two, at most those that files have.
+    # As many digits as show the width of the interval with two, at most those that files have.
     ends = ends if ends and np.isfinite(ends[1] - ends[0]) and ends[1] > ends[0] else None
-    digits = 3 if not ends else int(np.clip(2.0 + np.log10(max(abs(value), 1e-300) / (ends[1] - ends[0])), 3, MOST))
+    digits = 3 if not ends else int(np.clip(
+        2.0 + np.log10(max(abs(value), 1e-300) / (ends[1] - ends[0])), 3, MAX_DIGITS))
     interval = f" ({ends[0]:.{digits}g} to {ends[1]:.{digits}g}, 95 %)" if ends else ""
     largest = largest_torque(base, p.name.rpartition(".")[0]) if p.unit == base.task.drive.torque_unit else 0.0
     share = f", {100.0 * abs(value) / largest:.2g} % of the largest torque" if largest > 0.0 else ""

@@ -1,4 +1,4 @@
-"""A record as the pictures of a diagnosis see it: measured, and simulated before and after."""
+"""A record as the plots of a diagnosis show it: measured, and simulated before and after."""
 
 from __future__ import annotations
 
@@ -12,14 +12,14 @@ from drivetool.check.validation import ModelRun
 
 @dataclass(frozen=True)
 class View:
-    """One record as the model saw it before and after; arrays (n,) on one rising clock.
+    """One record measured and as simulated before and after; arrays (n,) on one increasing time.
 
     name       of the record
-    time       [s]; free runs begin where `breaks` say, index of their first samples
+    time       [s]; `breaks`: index of the first sample of each free run
     measured   the first output; before, after: simulated by the base and by the extended drive
     torque     of the motor, logged
     speed      of the motor; angle: of the motor, or None
-    shaft      torque of the first shaft as the extended drive has it, None without a shaft
+    shaft      simulated torque of the first shaft of the extended drive, None without a shaft
     output     role of the first output; units: of output, torque and motion
     """
 
@@ -43,7 +43,7 @@ class View:
 
     @property
     def words(self) -> tuple[str, str, str]:
-        """Output, torque and angle in words: a carriage has a force and a position."""
+        """Output, torque and angle in words: a linear axis has a force and a position."""
         linear = self.units[2] == "m"
         output = self.output.replace("angle", "position").replace("torque", "force") if linear else self.output
         return output.replace("_", " "), "force" if linear else "torque", "position" if linear else "angle"
@@ -55,7 +55,7 @@ class View:
 
 
 def view_of(name: str, before: ModelRun, after: ModelRun) -> View:
-    """The view of a record from the runs of the base and of the extended drive over it."""
+    """The record from the runs of the base and of the extended drive over it."""
     output = next(iter(before.measured))
     return View(
         name, before.time, before.measured[output], before.simulated[output], after.simulated[output],

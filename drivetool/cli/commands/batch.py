@@ -8,13 +8,13 @@ import typer
 
 from drivetool.cli.options import common as cli
 from drivetool.cli.output import DONE, MISSED, guarded, put, say
-from drivetool.site import Asked
+from drivetool.site import BatchRequest
 
 HELP = ("A site of recordings: the recipe of its file, done with every recording of every machine on the cores "
         "there are. What is done stays done; a second run does what has changed.")
 EXAMPLE = "drivetool batch site.yaml"
 
-MINUTES_15 = 900.0
+DEFAULT_TIME_LIMIT = 900.0  # s. A choice: minutes suffice for a long record; a step that hangs frees its worker.
 
 Given = Annotated[list[str], typer.Argument(
     metavar="SITE|PATTERN", help="A site file; with --recipe recordings, or a quoted pattern such as "
@@ -47,17 +47,18 @@ Markdown = Annotated[str | None, typer.Option(
 
 def command(
     typer_context: typer.Context, given: Given, recipe: Recipe = None, map: cli.Map = None, out: Out = None,
-    workers: Workers = None, scheduler: Scheduler = None, time_limit: TimeLimit = MINUTES_15,
+    workers: Workers = None, scheduler: Scheduler = None, time_limit: TimeLimit = DEFAULT_TIME_LIMIT,
     memory_limit: MemoryLimit = None, explain: Explain = False, verify: Verify = False, retry: Retry = False,
     junit: Junit = None, markdown: Markdown = None, debug: cli.Debug = False, quiet: cli.Quiet = False,
 ) -> None:
     """See HELP."""
-    asked = Asked(given, recipe, map, out, workers, scheduler, time_limit, memory_limit, explain, verify, retry,
-                  junit, markdown, lambda text: None if quiet else say("batch", text), put)
+    request = BatchRequest(given, recipe, map, out, workers, scheduler, time_limit, memory_limit, explain, verify,
+                           retry,
+                           junit, markdown, lambda text: None if quiet else say("batch", text), put)
 
     def work() -> int:
         from drivetool.site import run
 
-        return DONE if run(asked, typer_context.obj) else MISSED
+        return DONE if run(request, typer_context.obj) else MISSED
 
     guarded("batch", work, debug, quiet)

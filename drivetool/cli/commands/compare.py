@@ -10,7 +10,15 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from drivetool.cli.options import Job, common as cli, drive_for, findings, noted, open_all, with_torques
+from drivetool.cli.options import (
+    Job,
+    collected_findings,
+    common as cli,
+    drive_for,
+    noted_options,
+    open_all,
+    with_torques,
+)
 from drivetool.cli.output import deliver, draw_recordings, guarded
 from drivetool.cli.parts import swap as sides
 from drivetool.errors import BadOption, DriveToolError
@@ -84,7 +92,7 @@ def machines_of(words: Sequence[str], logs: Sequence[str]) -> dict[str, tuple[in
 
     raises  BadOption: a pattern without recordings, a recording in two machines, a machine with one recording
     """
-    from drivetool.identify.several import FEWEST
+    from drivetool.identify.several import MIN_RECORDS_PER_MACHINE
 
     found: dict[str, tuple[int, ...]] = {}
     for word in words:
@@ -95,8 +103,9 @@ def machines_of(words: Sequence[str], logs: Sequence[str]) -> dict[str, tuple[in
             raise BadOption("every machine once after --machine", f"'{name}' twice",
                             "Put its recordings under one pattern.")
         found[name] = tuple(i for i, log in enumerate(logs) if fnmatchcase(log, pattern))
-        if len(found[name]) < FEWEST:
-            raise BadOption(f"at least {FEWEST} recordings of machine {name}: one cannot tell it from its day",
+        if len(found[name]) < MIN_RECORDS_PER_MACHINE:
+            raise BadOption(f"at least {MIN_RECORDS_PER_MACHINE} recordings of machine {name}: one does not "
+                            "separate it and its day",
                             f"{len(found[name])} for '{pattern}'", "Correct the pattern, or record it again.",
                             tuple(logs))
     shared = [log for i, log in enumerate(logs) if sum(i in places for places in found.values()) > 1]
@@ -112,11 +121,11 @@ def run(job: Job, options: CompareOptions) -> int:
     from drivetool.files.results import comparison_file
     from drivetool.identify.channels import used_by
     from drivetool.identify.several import compare
-    from drivetool.logs import no_copies
+    from drivetool.logs import refuse_copies
 
     opened = open_all(job)
     opened, drive = with_torques(opened, drive_for(job, opened))
-    no_copies([opened.experiments[i] for places in options.machines.values() for i in places])
+    refuse_copies([opened.experiments[i] for places in options.machines.values() for i in places])
     try:
         found = compare(opened.experiments, drive, options)
     except DriveToolError:
@@ -124,6 +133,6 @@ def run(job: Job, options: CompareOptions) -> int:
         raise
     used = asdict(options) | {"machines": {name: [opened.experiments[i].name for i in places]
                                            for name, places in options.machines.items()}}
-    found = replace(found, options=noted(job, used), findings=findings(
+    found = replace(found, options=noted_options(job, used), findings=collected_findings(
         opened, found.findings, used_by(job.step, opened.experiments, drive), drive, job.step))
     return deliver(job, comparison_file(found, opened.inputs), found.exhibits)

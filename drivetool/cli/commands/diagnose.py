@@ -11,18 +11,18 @@ import typer
 from drivetool.cli.options import (
     Job,
     check_outputs,
+    collected_findings,
     common as cli,
-    differing,
     drive_for,
-    findings,
-    noted,
-    only_stated,
+    held_out_differences,
+    noted_options,
+    only_known_differences,
     open_all,
-    own_of_held_out,
+    record_differences,
     with_torques,
 )
 from drivetool.cli.output import deliver, draw_recordings, guarded, say
-from drivetool.cli.parts import refuse_run_downs
+from drivetool.cli.parts import refuse_coast_downs
 from drivetool.errors import BadOption, DriveToolError
 from drivetool.files.disk import write_whole
 
@@ -55,8 +55,8 @@ def command(
     quiet: cli.Quiet = False, explain: Explain = False,
 ) -> None:
     """See HELP."""
-    held = tuple(holdout or ())
-    job = Job("diagnose", [*logs, *held], params, map, None, (), out, json, plot, strict, debug, quiet,
+    holdout_logs = tuple(holdout or ())
+    job = Job("diagnose", [*logs, *holdout_logs], params, map, None, (), out, json, plot, strict, debug, quiet,
               condition or (), record=record or ())
 
     def work() -> int:
@@ -67,16 +67,16 @@ def command(
         if candidates and not codes:
             raise BadOption("at least one cause after --candidates", f"'{candidates}'",
                             "Name causes, with commas between; drivetool effects lists them.")
-        return run(job, len(recordings_in(held)), DiagnoseOptions(
+        return run(job, len(recordings_in(holdout_logs)), DiagnoseOptions(
             codes, error_budget, rounds, seed, criterion.value), report, explain)
 
     guarded("diagnose", work, debug, quiet)
 
 
-def run(job: Job, held: int, options: DiagnoseOptions, report: str | None, explain: bool = False) -> int:
+def run(job: Job, held_count: int, options: DiagnoseOptions, report: str | None, explain: bool = False) -> int:
     """Open, diagnose, deliver; the exit code.
 
-    held  how many of the job's recordings only judge; the last ones
+    held_count  number of held-out recordings of the job; the last ones
     """
     from drivetool.check import diagnose
     from drivetool.check.causes import chosen_causes
@@ -96,43 +96,44 @@ def run(job: Job, held: int, options: DiagnoseOptions, report: str | None, expla
     check_outputs(job, report=report)
     opened = open_all(job)
     loaded = opened.loaded
-    apart = differing(job, opened.experiments, drive_for(job, opened))
-    split = len(opened.experiments) - held
-    apart = (own_of_held_out(apart, opened.experiments[:split], job.step) if options.criterion == "inverse"
-             else only_stated(apart, job.step))
-    opened, drive = with_torques(opened, apart.drive)
+    differences = record_differences(job, opened.experiments, drive_for(job, opened))
+    split = len(opened.experiments) - held_count
+    differences = (held_out_differences(differences, opened.experiments[:split],
+                                   job.step) if options.criterion == "inverse"
+             else only_known_differences(differences, job.step))
+    opened, drive = with_torques(opened, differences.drive)
     training, holdout = opened.experiments[:split], opened.experiments[split:]
     check_holdout(training, holdout)
-    refuse_run_downs(opened.experiments)
+    refuse_coast_downs(opened.experiments)
     check_base(loaded, drive)
     options = replace(options, candidates=chosen_causes(options.candidates, drive))
     sections = loaded.sections(drive)
     try:
         free = [name for name, section in sections.items() if section.status != "held" and not is_constant(name)
-                and name not in apart.free]
-        found = diagnose(training, drive, free, options, holdout, loaded.starts(drive), apart.free)
+                and name not in differences.free]
+        found = diagnose(training, drive, free, options, holdout, loaded.starts(drive), differences.free)
     except DriveToolError:
         draw_recordings(job, training)
         raise
-    before = base_findings(loaded, training, holdout, options.criterion)
-    said = (*before, verdict_finding(found), *found.estimate.findings)
+    about_base = base_findings(loaded, training, holdout, options.criterion)
+    all_findings = (*about_base, verdict_finding(found), *found.estimate.findings)
     used = asdict(options) | dict(found.estimate.options) | {
         "holdout": [{"file": e.name, "sha256": e.sha256} for e in holdout]}
-    taken = used_by(job.step, opened.experiments, drive)
+    used_roles = used_by(job.step, opened.experiments, drive)
     found = replace(found, estimate=replace(
-        found.estimate, findings=findings(opened, said, taken, drive, job.step),
-        options=noted(job, used, apart.words)))
+        found.estimate, findings=collected_findings(opened, all_findings, used_roles, drive, job.step),
+        options=noted_options(job, used, differences.words)))
     file = diagnosis_file(found, opened.inputs)
     if report is not None:
         write_whole(report, diagnosis_page(found, file, sections_before(sections, drive)))
-        _told(job, f"wrote {report}")
+        _say_unless_quiet(job, f"wrote {report}")
     code = deliver(job, file, found.exhibits)
     if explain:
         print_rule(file)
     return code
 
 
-def _told(job: Job, *lines: Sequence[str]) -> None:
+def _say_unless_quiet(job: Job, *lines: Sequence[str]) -> None:
     """Lines on standard error unless it should be quiet."""
     for line in lines if not job.quiet else ():
         say(job.step, line)

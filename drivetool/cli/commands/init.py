@@ -17,7 +17,7 @@ from drivetool.files.disk import check_target, write_whole
 
 if TYPE_CHECKING:
     from drivetool.logs.door import Inspection
-    from drivetool.site.plan import Seen
+    from drivetool.site.plan import RecordingGroup
 
 HELP = "A first site file for batch, with comments, from what inspect sees in some recordings."
 EXAMPLE = "drivetool init logs --out site.yaml"
@@ -43,7 +43,7 @@ def run(logs: list[str], out: str, quiet: bool) -> int:
             raise BadOption("a file that is not there yet, to write a site file", out,
                             "Give another name with --out; what a person may have edited is not replaced.")
     folder = Path.cwd() if out == "-" else Path(os.path.abspath(out)).parent
-    text = first_site(_seen(_recordings(logs), folder))
+    text = first_site(_recording_groups(_recordings(logs), folder))
     if out == "-":
         put(text)
         return DONE
@@ -55,21 +55,21 @@ def run(logs: list[str], out: str, quiet: bool) -> int:
 
 def _recordings(logs: list[str]) -> list[Path]:
     """The recordings, those of folders in all folders below."""
-    from drivetool.files.disk import SUFFIXES
-    from drivetool.logs.formats.tables import natural
+    from drivetool.files.disk import RECORDING_SUFFIXES
+    from drivetool.logs.formats.tables import natural_order
     from drivetool.site.plan import is_recording
 
     found: list[Path] = []
     for log in map(Path, logs):
         below = [p for p in (log.rglob("*") if log.is_dir() else [log]) if is_recording(p, log)]
         if not below:
-            raise BadOption(f"recordings ({', '.join(SUFFIXES)})",
+            raise BadOption(f"recordings ({', '.join(RECORDING_SUFFIXES)})",
                             f"none in {log}" if log.exists() else f"no file or folder {log}", "Correct the path.")
-        found += sorted(below, key=natural)
+        found += sorted(below, key=natural_order)
     return list(dict.fromkeys(found))
 
 
-def _seen(paths: list[Path], folder: Path) -> list[Seen]:
+def _recording_groups(paths: list[Path], folder: Path) -> list[RecordingGroup]:
     """The recordings in groups of one kind and suffix, the more special names first."""
     from drivetool.site.plan import kinds_of
 
@@ -79,26 +79,27 @@ def _seen(paths: list[Path], folder: Path) -> list[Seen]:
         groups.setdefault((*kinds[path.stem], path.suffix), []).append(path)
     root = os.path.relpath(os.path.commonpath([os.path.abspath(path.parent) for path in paths]), folder)
     ordered = sorted(groups, key=lambda group: (-len(group[0]), group))
-    return [_group(kind, Path(glob.escape(root), "**", f"{words}{suffix}").as_posix(), groups[kind, words, suffix])
+    return [_group_summary(kind, Path(glob.escape(root), "**", f"{words}{suffix}").as_posix(),
+                           groups[kind, words, suffix])
             for kind, words, suffix in ordered]
 
 
-def _group(kind: str, pattern: str, paths: list[Path]) -> Seen:
+def _group_summary(kind: str, pattern: str, paths: list[Path]) -> RecordingGroup:
     """What is said of a group, its first recording standing for all."""
     from drivetool.logs.door import inspect_log
-    from drivetool.logs.formats import look_at
-    from drivetool.site.plan import Seen
+    from drivetool.logs.formats import read_header
+    from drivetool.site.plan import RecordingGroup
 
     example, channels, usable, steady = paths[0], [], False, False
     try:
         found = inspect_log(example)
         channels = [f"{c.name} [{c.unit or '?'}]" for c in found.channels]
         usable, steady = found.experiment is not None, _is_steady(found)
-    except DriveToolError:  # the steps will say so; the file can be written all the same
+    except DriveToolError:  # the steps report the error; the file can be written all the same
         pass
     folders = Counter(path.resolve().parent.name for path in paths)
-    return Seen(kind, pattern, example.name, channels, usable, steady, len(paths), sorted(folders),
-                max(folders.values()) > 1, sorted(look_at(example).metadata))
+    return RecordingGroup(kind, pattern, example.name, channels, usable, steady, len(paths), sorted(folders),
+                max(folders.values()) > 1, sorted(read_header(example).metadata))
 
 
 def _is_steady(found: Inspection) -> bool:

@@ -26,12 +26,12 @@ def command(
 
 def run(job: Job) -> int:
     """Read, look, deliver; the exit code."""
-    from drivetool.check.faults import looked_at
-    from drivetool.files.results import exhibit, finding_sections, inspection_file
+    from drivetool.check.faults import torque_timing_findings
+    from drivetool.files.results import channel_plot, finding_sections, inspection_file
     from drivetool.files.yaml import load_channel_map
     from drivetool.logs.door import inspect_log
 
     check_outputs(job)
     found = inspect_log(job.log, load_channel_map(job.map))
-    timing = looked_at(found.experiment) if found.experiment else []
-    return deliver(job, inspection_file(found, finding_sections((*found.findings, *timing))), [exhibit(found)])
+    timing = torque_timing_findings(found.experiment) if found.experiment else []
+    return deliver(job, inspection_file(found, finding_sections((*found.findings, *timing))), [channel_plot(found)])

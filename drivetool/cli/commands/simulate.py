@@ -6,14 +6,22 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from drivetool.cli.options import Job, common as cli, drive_for, findings, open_all, start_of, with_torques
+from drivetool.cli.options import (
+    Job,
+    collected_findings,
+    common as cli,
+    drive_for,
+    open_all,
+    start_of,
+    with_torques,
+)
 from drivetool.cli.output import draw, exit_code, guarded, say
 from drivetool.errors import BadOption
 from drivetool.files.disk import write_whole
 
 if TYPE_CHECKING:
     from drivetool.check.validation import ModelRun
-    from drivetool.identify.estimate import Exhibit
+    from drivetool.identify.estimate import PlotData
     from drivetool.logs import Experiment
 
 HELP = ("What a model says over the torque of a record. Every speed, angle and shaft torque of the drive, "
@@ -52,7 +60,7 @@ def run(job: Job, segment: float) -> int:
     opened, drive = with_torques(opened, drive_for(job, opened))
     experiment, = opened.experiments
     found = run_model(experiment, drive, segment, start_of(job.start, drive))
-    said = findings(opened, (), used_by(job.step, opened.experiments, drive), drive, job.step)
+    all_findings = collected_findings(opened, (), used_by(job.step, opened.experiments, drive), drive, job.step)
     models = ", ".join(name for name, _ in opened.inputs)
     about = {"record": experiment.name, "record_sha256": experiment.sha256, "models": models}
     if job.condition:
@@ -60,35 +68,35 @@ def run(job: Job, segment: float) -> int:
     if job.start:
         about["start"] = "; ".join(job.start)
     write_whole(job.out, run_table(found, about))
-    pictures = draw(job, [_exhibit(experiment, found, role) for role in found.measured], [])
+    pictures = draw(job, [_record_plot(experiment, found, role) for role in found.measured], [])
     if not job.quiet:
-        for finding in said:
+        for finding in all_findings:
             say("simulate", f"{finding.severity} {finding.code}: {finding.text} {finding.action}".rstrip())
         for role in found.measured:
-            say("simulate", _told(found, role))
+            say("simulate", _fit_text(found, role))
         say("simulate", f"wrote {job.out}")
         if pictures:
             say("simulate", f"drew {', '.join(pictures)} in {job.plot}")
-    return exit_code((finding.severity for finding in said), True, job.strict)
+    return exit_code((finding.severity for finding in all_findings), True, job.strict)
 
 
-def _told(found: ModelRun, role: str) -> str:
-    """How well one sensor is simulated, in a line."""
+def _fit_text(found: ModelRun, role: str) -> str:
+    """The fit of one simulated sensor, in a line."""
     import numpy as np
 
-    from drivetool.identify.estimate import fit_percent, fit_words
+    from drivetool.identify.estimate import fit_percent, fit_text
 
     y, s = found.measured[role], found.simulated[role]
     rmse = float(np.sqrt(np.nanmean((y - s) ** 2)))
-    return f"{role}: fit {fit_words(fit_percent(y, s))}, rmse {rmse:.3g} {found.unit(role)}"
+    return f"{role}: fit {fit_text(fit_percent(y, s))}, rmse {rmse:.3g} {found.unit(role)}"
 
 
-def _exhibit(experiment: Experiment, found: ModelRun, role: str) -> Exhibit:
+def _record_plot(experiment: Experiment, found: ModelRun, role: str) -> PlotData:
     """Measured and simulated of one sensor."""
-    from drivetool.identify.estimate import Exhibit
+    from drivetool.identify.estimate import PlotData
 
     y, s, label = found.measured[role], found.simulated[role], role.replace("_", " ")
-    return Exhibit("record", f"{experiment.name}: measured and simulated", "time [s]",
+    return PlotData("record", f"{experiment.name}: measured and simulated", "time [s]",
                    f"{label} [{found.unit(role)}]", {
                        "measured": (found.time, y), "simulated": (found.time, s), "residual": (found.time, y - s),
                        f"torque [{found.torque_unit}]": (found.time, found.inputs["motor_torque"])})

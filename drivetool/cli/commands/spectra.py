@@ -9,7 +9,16 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from drivetool.cli.options import Job, check_outputs, common as cli, findings, is_input, noted, one_kind, open_all
+from drivetool.cli.options import (
+    Job,
+    check_common_units,
+    check_outputs,
+    collected_findings,
+    common as cli,
+    is_input,
+    noted_options,
+    open_all,
+)
 from drivetool.cli.output import deliver, draw_recordings, guarded, say
 from drivetool.errors import DriveToolError
 
@@ -85,18 +94,18 @@ def run(job: Job, options: SpectraOptions, curves: str | None = None) -> int:
     from drivetool.identify.frequency import reference_of, spectra
 
     if curves is None and job.out not in (None, "-"):
-        curves = _beside(job, job.out)
+        curves = _curves_path(job, job.out)
     check_outputs(job, curves=curves)
     opened = open_all(job)
-    one_kind(opened.experiments)
+    check_common_units(opened.experiments)
     try:
         spectrum = spectra(opened.experiments, options)
     except DriveToolError:
         draw_recordings(job, opened.experiments)
         raise
     used = {"motor_torque", spectrum.output, *reference_of(opened.experiments[0])}
-    spectrum = replace(spectrum, options=noted(job, asdict(options)),
-                       findings=findings(opened, spectrum.findings, used, None, job.step))
+    spectrum = replace(spectrum, options=noted_options(job, asdict(options)),
+                       findings=collected_findings(opened, spectrum.findings, used, None, job.step))
     if curves:
         write_curves(curves, spectrum)
         if not job.quiet:
@@ -104,7 +113,7 @@ def run(job: Job, options: SpectraOptions, curves: str | None = None) -> int:
     return deliver(job, spectra_file(spectrum, Path(curves).name if curves else None), spectrum.exhibits)
 
 
-def _beside(job: Job, path: str) -> str:
+def _curves_path(job: Job, path: str) -> str:
     """'x.curves.parquet' beside x.yaml: not x.parquet, which may well be a recording."""
     while is_input(job, path := str(Path(path).with_suffix(".curves.parquet"))):
         pass

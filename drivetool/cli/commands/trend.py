@@ -14,7 +14,8 @@ from drivetool.errors import BadOption
 HELP = ("What changed over the recordings of a site. Per machine and parameter: the mean with the scatter within a "
         "day and between days, the drift, steps, and alarms with their dates.")
 EXAMPLE = "drivetool trend site/summary.parquet --out trends.yaml"
-ALARM = 5.0  # as the trends have it, which import too slowly for a help text
+# The default of drivetool.site.trends, repeated because those modules import too slowly for a help text.
+DEFAULT_ALARM = 5.0
 
 Summary = Annotated[str, typer.Argument(
     metavar="SUMMARY", help="Summary of a site, one row per recording, step and parameter, as Parquet.")]
@@ -24,7 +25,8 @@ Alarm = Annotated[float, typer.Option(
 
 
 def command(
-    summary: Summary, alarm: Alarm = ALARM, out: cli.Out = None, json: cli.Json = False, plot: cli.Plot = None,
+    summary: Summary, alarm: Alarm = DEFAULT_ALARM, out: cli.Out = None, json: cli.Json = False,
+    plot: cli.Plot = None,
     strict: cli.Strict = False, debug: cli.Debug = False, quiet: cli.Quiet = False,
 ) -> None:
     """See HELP."""
@@ -33,14 +35,14 @@ def command(
 
 
 def run(job: Job, summary: str, alarm: float) -> int:
-    """Read, look, deliver; the exit code."""
+    """Read, test for changes, deliver; the exit code."""
     from drivetool.logs.formats import read_summary
-    from drivetool.site.trends import exhibits_of, summary_input, trends_file, trends_of
+    from drivetool.site.trends import summary_input, trend_plots, trends_file, trends_of
 
     if not math.isfinite(alarm):
         raise BadOption("a number for --alarm", str(alarm), "Write for example '--alarm 5'.")
     check_outputs(job)
     findings, found = trends_of(read_summary(summary), alarm)
-    exhibits, machines = exhibits_of(found)
+    exhibits, machines = trend_plots(found)
     file = trends_file(findings, found, {"alarm": alarm}, [summary_input(summary)])
     return deliver(job, file, exhibits, names=machines)

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from drivetool.cli.options import Job, as_set, check_outputs, common as cli
+from drivetool.cli.options import Job, check_outputs, common as cli, with_set_values
 from drivetool.cli.output import deliver, guarded
 from drivetool.errors import BadOption, BadParameters, nearest
 from drivetool.files.yaml import units
@@ -23,7 +23,7 @@ HELP = ("Settings of the speed controller. PI for load-torque steps under a limi
 EXAMPLE = 'drivetool tune -p backlash.yaml --converter "433,0.69,2 ms" --out gains.yaml'
 
 
-class Form(StrEnum):
+class DeadTimeForm(StrEnum):
     """How the dead time enters."""
 
     exact = "exact"
@@ -60,7 +60,7 @@ Filter = Annotated[str | None, _option(
 Speed = Annotated[str | None, _option(
     "--speed", metavar="SPEED", help="Working speed of the first motor, at which friction is linearised: "
     "'1500 rpm'. Default: slow motion forward.")]
-DeadTime = Annotated[Form, _option(
+DeadTime = Annotated[DeadTimeForm, _option(
     "--dead-time", help="exact, or zero: the printed 1 - s td/2 of Tallfors 2005, half the delay.")]
 Confidence = Annotated[float | None, _option(
     "--confidence", metavar="P", help="Hold the sensitivity in this share of the drives that the covariance "
@@ -73,7 +73,7 @@ def command(
     params: Params, converter: Converter = None, criterion: Criterion = "IAE",
     max_sensitivity: Sensitivity = 2.0, max_gain: MaxGain = None, weight: Weight = None,
     configuration: Configuration = None, motors: Motors = None, speed_filter: Filter = None,
-    speed: Speed = None, dead_time: DeadTime = Form.exact, confidence: Confidence = None,
+    speed: Speed = None, dead_time: DeadTime = DeadTimeForm.exact, confidence: Confidence = None,
     draws: DrawCount = 200, map: Map = None,
     set: cli.Set = None, seed: cli.Seed = 1, per_unit: PerUnit = False, out: cli.Out = None, json: cli.Json = False,
     plot: cli.Plot = None, strict: cli.Strict = False, debug: cli.Debug = False, quiet: cli.Quiet = False,
@@ -99,39 +99,39 @@ def run(job: Job, words: dict[str, object]) -> int:
     check_outputs(job)
     loaded = load_parameters(job.params)
     drive = loaded.drive()
-    drive = as_set(drive, job.set)
+    drive = with_set_values(drive, job.set)
     drive = _with_converter(drive, words["converter"])
-    gains = tune(drive, _options(job, words, drive, loaded), draw_pictures=bool(job.plot))
+    gains = tune(drive, _tune_options(job, words, drive, loaded), draw_pictures=bool(job.plot))
     return deliver(job, gains_file(gains, loaded.inputs, words), gains.exhibits, bool(words["per_unit"]))
 
 
-def _options(job: Job, words: dict[str, object], drive: Drive, loaded: Loaded) -> TuneOptions:
-    """What the words and files ask for."""
+def _tune_options(job: Job, words: dict[str, object], drive: Drive, loaded: Loaded) -> TuneOptions:
+    """The options of the tuning, from the command line and the files."""
     from drivetool.tune import Ratings, TuneOptions, gain_unit
-    from drivetool.tune.optimisation import Limits, criterion
+    from drivetool.tune.optimisation import TuneLimits, criterion
 
     rated = loaded.ratings(drive)
     if words["per_unit"] and rated is None:
         raise BadParameters(
             "ratings for per-unit figures", "none in the parameter files",
             "Add 'ratings: {torque: {value: 100, unit: Nm}, speed: {value: 1500, unit: rpm}}' to one.")
-    wait = words["speed_filter"]
+    filter_time = words["speed_filter"]
     gain, speed = words["max_gain"], words["speed"]
     return TuneOptions(
         criterion=criterion(str(words["criterion"]), _weights(words["weight"])),
-        limits=Limits(float(words["max_sensitivity"]),
-                      float("inf") if gain is None else _number(gain, gain_unit(drive), "--max-gain")),
+        limits=TuneLimits(float(words["max_sensitivity"]),
+                      float("inf") if gain is None else _number_in_unit(gain, gain_unit(drive), "--max-gain")),
         configurations=_configurations(words["configuration"]),
         motors=tuple(m.strip() for m in words["motors"].split(",")) if words["motors"] else None,
-        speed_filter=loaded.speed_filter if wait is None else _time(wait),
-        speed=0.0 if speed is None else _speed(speed, drive),
+        speed_filter=loaded.speed_filter if filter_time is None else _filter_time(filter_time),
+        speed=0.0 if speed is None else _working_speed(speed, drive),
         dead_time=words["dead_time"], shaft_torque=_shaft_torque(job, loaded), confidence=words["confidence"],
         draws=words["draws"], seed=words["seed"], known=loaded.covariance(drive), stds=loaded.stds(drive),
         ratings=rated and Ratings(*rated))
 
 
 def _configurations(names: Sequence[str]) -> tuple | None:
-    """The configurations asked for, in their usual order."""
+    """The requested configurations, in their usual order."""
     known = ("siso", "miso", "mimo")
     for name in names:
         if name not in known:
@@ -163,28 +163,28 @@ def _with_converter(drive: Drive, text: object) -> Drive:
     names = ("bandwidth", "damping", "dead_time")
     units = ("rad/s", "", "s")
     return drive.with_values({
-        f"converter.{name}": _number(part, unit, "--converter")
+        f"converter.{name}": _number_in_unit(part, unit, "--converter")
         for name, unit, part in zip(names, units, parts, strict=False)})
 
 
-def _time(text: object) -> float:
+def _filter_time(text: object) -> float:
     """A time of zero or more."""
-    value = _number(text, "s", "--speed-filter")
+    value = _number_in_unit(text, "s", "--speed-filter")
     if not 0.0 <= value < 1e3:
         raise BadOption("a filter time of zero or more after --speed-filter", f"{value:g} s", "Correct it.")
     return value
 
 
-def _speed(text: object, drive: Drive) -> float:
+def _working_speed(text: object, drive: Drive) -> float:
     """A working speed in the drive's unit."""
     unit = f"{drive.motion_unit}/s"
-    value = _number(text, unit, "--speed")
+    value = _number_in_unit(text, unit, "--speed")
     if not abs(value) < 1e6:
         raise BadOption("a working speed after --speed", f"{value:g} {unit}", "Correct it.")
     return value
 
 
-def _number(text: object, wanted: str, option: str) -> float:
+def _number_in_unit(text: object, wanted: str, option: str) -> float:
     """'2 ms' in the wanted unit."""
     number, _, unit = str(text).strip().partition(" ")
     try:
@@ -192,11 +192,11 @@ def _number(text: object, wanted: str, option: str) -> float:
     except ValueError:
         raise BadOption(f"a number after {option}, with a unit if it is not {wanted or 'plain'}", f"'{text}'",
                         "Correct it.") from None
-    return value * (units.factor(unit.strip(), wanted, option) if unit else 1.0)
+    return value * (units.conversion_factor(unit.strip(), wanted, option) if unit else 1.0)
 
 
 def _shaft_torque(job: Job, loaded: Loaded) -> bool:
-    """Whether a shaft torque is measured: by the channel map, or by the noise an estimator found."""
+    """Whether a shaft torque is measured, by the channel map or by the noise that an estimator found."""
     from drivetool.files.yaml import load_channel_map
 
     channel_map = load_channel_map(job.map)

@@ -10,21 +10,27 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from drivetool.cli.options import (
-    BETWEEN,
-    OPTION,
+    RECORD_OPTION,
+    WORD_SEPARATOR,
     Job,
     Opened,
+    collected_findings,
     common as cli,
-    differing,
     drive_for,
-    findings,
-    noted,
-    only_stated,
+    noted_options,
+    only_known_differences,
     open_all,
+    record_differences,
     start_of,
 )
 from drivetool.cli.output import deliver, draw_recordings, guarded, say
-from drivetool.cli.parts import COAST_DOWN, judged_by, on_run_downs, replay_gains, with_decay
+from drivetool.cli.parts import (
+    COAST_DOWN,
+    replay_gains,
+    validate_coast_downs,
+    with_coast_down_criterion,
+    with_flux_decay,
+)
 from drivetool.errors import BadOption, DriveToolError
 
 if TYPE_CHECKING:
@@ -66,9 +72,9 @@ def command(
     def work() -> int:
         from drivetool.check.validation import ValidateOptions
 
-        asked = ValidateOptions(min_fit, max_correlation, segment, seed, criterion=criterion.value,
+        options = ValidateOptions(min_fit, max_correlation, segment, seed, criterion=criterion.value,
                                 flux_decay=flux_decay)
-        return run(job, asked) if gains is None else run_gains(job, asked, gains, configuration)
+        return run(job, options) if gains is None else run_gains(job, options, gains, configuration)
 
     guarded("validate", work, debug, quiet)
 
@@ -76,7 +82,7 @@ def command(
 def run_gains(job: Job, options: ValidateOptions, gains: str, configuration: str | None) -> int:
     """Replay tuned gains; the exit code."""
     from drivetool.files.results import validation_file
-    from drivetool.tune.simulation import COMPARED
+    from drivetool.tune.simulation import COMPARED_ROLES
 
     for option, words in (("--start", job.start), ("--record", job.record)):
         if words:
@@ -86,39 +92,39 @@ def run_gains(job: Job, options: ValidateOptions, gains: str, configuration: str
         raise BadOption(f"{other} or --gains", "both", "A closed loop is replayed by simulation.")
     opened = open_all(job)
     each = [replace(opened.loaded, sources=(source,)) for source in opened.loaded.sources]
-    opened, drives = _of_models(opened, [drive_for(job, opened, one) for one in each], False)
+    opened, drives = _with_model_torques(opened, [drive_for(job, opened, one) for one in each], False)
     models = [(one.sources[0].name, one.sources[0].sha256, drive) for one, drive in zip(each, drives, strict=True)]
     validation, entry = replay_gains(opened.experiments, models, gains, configuration, options)
-    used = _used(options) | {"gains": entry[0], "configuration": configuration}
-    validation = replace(validation, options=noted(job, used), findings=findings(
-        opened, validation.findings, {*COMPARED, "load_torque"}, models[0][2], job.step))
+    used = _noted(options) | {"gains": entry[0], "configuration": configuration}
+    validation = replace(validation, options=noted_options(job, used), findings=collected_findings(
+        opened, validation.findings, {*COMPARED_ROLES, "load_torque"}, models[0][2], job.step))
     return deliver(job, validation_file(validation, (*opened.inputs, entry)), validation.exhibits)
 
 
-def _of_models(opened: Opened, drives: Sequence[Drive], off_too: bool) -> tuple[Opened, list[Drive]]:
-    """What was opened with inputs in A, V or % as torques, and the drives that know by what constants.
+def _with_model_torques(opened: Opened, drives: Sequence[Drive], off_too: bool) -> tuple[Opened, list[Drive]]:
+    """The recordings with inputs in A, V or % as torques, and the drives with the torque constants used.
 
     off_too  whether stretches in which an induction motor has no supply are kept
     """
-    from drivetool.identify.setup import for_models
+    from drivetool.identify.setup import as_torques_for_models
 
-    experiments, known = for_models(opened.experiments, drives, off_too)
+    experiments, known = as_torques_for_models(opened.experiments, drives, off_too)
     return replace(opened, experiments=experiments), known
 
 
-def _seen(file: ParameterFile, experiments: Sequence[Experiment]) -> list[str]:
-    """sha256 of the recordings that a fit has seen, but for those of which other parts were kept for it."""
-    from drivetool.logs.conditioning import kept, parse_step
+def _fitted_recordings(file: ParameterFile, experiments: Sequence[Experiment]) -> list[str]:
+    """sha256 of the recordings that a fit has used, except those of which it used other parts."""
+    from drivetool.logs.conditioning import kept_windows, parse_step
 
-    parts = kept([parse_step(str(text)) for text in file.options.get("condition", ())])
-    apart = {e.sha256 for e in experiments
+    parts = kept_windows([parse_step(str(text)) for text in file.options.get("condition", ())])
+    other_parts = {e.sha256 for e in experiments
              if not any(max(first, e.time[a]) < min(last, e.time[b - 1])
                         for a, b in e.segments for first, last in parts)}
-    return [entry.sha256 for entry in file.data if entry.sha256 not in apart]
+    return [entry.sha256 for entry in file.data if entry.sha256 not in other_parts]
 
 
-def _used(options: ValidateOptions) -> dict[str, Any]:
-    """The options as the file notes them, what only a coast-down has where it was one."""
+def _noted(options: ValidateOptions) -> dict[str, Any]:
+    """The options as the file notes them; flux_decay only for a coast-down."""
     return {name: value for name, value in asdict(options).items() if name != "flux_decay" or value is not None}
 
 
@@ -129,19 +135,21 @@ def run(job: Job, options: ValidateOptions) -> int:
     from drivetool.identify.channels import used_by
 
     opened = open_all(job)
-    options = judged_by(opened, options)
+    options = with_coast_down_criterion(opened, options)
     each = [replace(opened.loaded, sources=(source,)) for source in opened.loaded.sources]
-    apart = [only_stated(differing(job, opened.experiments, drive_for(job, opened, one)), job.step) for one in each]
-    opened, drives = _of_models(opened, [found.drive for found in apart], options.criterion == COAST_DOWN)
+    differences = [only_known_differences(
+        record_differences(job, opened.experiments, drive_for(job, opened, one)), job.step) for one in each]
+    opened, drives = _with_model_torques(opened, [found.drive for found in differences],
+                                         options.criterion == COAST_DOWN)
     models = [(one.sources[0].name, drive, one.noise) for one, drive in zip(each, drives, strict=True)]
     known = [one.covariance(drive) for one, (_, drive, _) in zip(each, models, strict=True)]
-    options = with_decay(replace(options, start=replace(start_of(job.start, models[0][1]),
-                                                       records=apart[0].starts)), drives)
-    fitted_on = [_seen(source.file, opened.experiments) for source in opened.loaded.sources]
+    options = with_flux_decay(replace(options, start=replace(start_of(job.start, models[0][1]),
+                                                       records=differences[0].starts)), drives)
+    fitted_on = [_fitted_recordings(source.file, opened.experiments) for source in opened.loaded.sources]
     more: dict[str, Any] = {"fitted_on": fitted_on} if any(fitted_on) else {}  # unknown for files written by hand
     try:
         if options.criterion == COAST_DOWN:
-            validation = on_run_downs(opened, drives, options, fitted_on, known)
+            validation = validate_coast_downs(opened, drives, options, fitted_on, known)
         elif options.criterion == "inverse":
             validation = validate_torque(opened.experiments, [(n, d) for n, d, _ in models], options, **more)
         else:
@@ -150,16 +158,17 @@ def run(job: Job, options: ValidateOptions) -> int:
     except DriveToolError:
         draw_recordings(job, opened.experiments)
         raise
-    used = _used(options) | dict(validation.options)
-    taken = {role for _, drive, _ in models
+    used = _noted(options) | dict(validation.options)
+    used_roles = {role for _, drive, _ in models
              for role in used_by(job.step, opened.experiments, drive, options.criterion)}
-    validation = replace(validation, options=noted(job, used, apart[0].words),
-                         findings=findings(opened, validation.findings, taken, models[0][1], job.step))
+    validation = replace(validation, options=noted_options(job, used, differences[0].words),
+                         findings=collected_findings(
+                             opened, validation.findings, used_roles, models[0][1], job.step))
     code = deliver(job, validation_file(validation, opened.inputs), validation.exhibits)
     if not job.quiet and validation.unexplained:
         words = ["drivetool", "diagnose", *job.logs, "--params", job.params[0]]
         words += ["--map", job.map] if job.map else []
         words += [word for step in job.condition for word in ("--condition", step)]
-        words += [word for pair in job.record for word in (OPTION, *pair.split(BETWEEN))]
-        say("validate", f"what is left over has a cause; run diagnose: {shlex.join(words)}")
+        words += [word for pair in job.record for word in (RECORD_OPTION, *pair.split(WORD_SEPARATOR))]
+        say("validate", f"the residual has a cause; run diagnose: {shlex.join(words)}")
     return code

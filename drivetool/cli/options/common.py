@@ -1,4 +1,4 @@
-"""The options that several commands share, each said once."""
+"""The options that several commands share, each defined once."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ class FitCriterionName(StrEnum):
 
 
 class BlackboxCriterionName(StrEnum):
-    """The same without auto: a black box has one explanation of a record."""
+    """The same without auto: a black box has one candidate model of a record."""
 
     innovations = "innovations"
     simulation = "simulation"
@@ -36,7 +36,7 @@ class BlackboxCriterionName(StrEnum):
 
 
 class CheckCriterionName(StrEnum):
-    """What a model is judged by: its motion, the torque that the motion asks of it, or running down."""
+    """What a model is tested by: its motion, the torque that the motion requires, or a coast-down."""
 
     simulation = "simulation"
     inverse = "inverse"
@@ -51,7 +51,7 @@ class WeightingName(StrEnum):
 
 
 class MethodName(StrEnum):
-    """What of a recording tells the friction."""
+    """The part of a recording from which the friction is identified."""
 
     speeds = "speeds"
     acceleration = "acceleration"

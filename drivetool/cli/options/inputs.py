@@ -1,4 +1,4 @@
-"""From command-line words to experiments, parameters and a drive; all of it before anything runs."""
+"""From the command line to experiments, parameters and a drive; all of it before anything runs."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ from drivetool.logs import ROLES
 if TYPE_CHECKING:
     from drivetool.drive import Drive
     from drivetool.files.yaml import Loaded
-    from drivetool.identify.setup import Options, Start
+    from drivetool.identify.setup import KnownStart, Options
 
 
 def open_all(job: Job) -> Opened:
@@ -30,20 +30,20 @@ def open_all(job: Job) -> Opened:
 
     check_outputs(job)
     loaded = load_parameters(job.params)
-    shape = _shape(job)
+    shape = _drive_file(job)
     channel_map = load_channel_map(job.map)
     for text in job.condition:
         parse_step(text)
     further = _further_roles(job, loaded, shape)
     experiments = []
     for log in job.logs:
-        with _as_given(log):
+        with _path_as_given(log):
             experiments.append(open_experiment(log, channel_map, job.condition, further))
     return Opened(tuple(experiments), loaded, shape)
 
 
 @contextlib.contextmanager
-def _as_given(log: str) -> Iterator[None]:
+def _path_as_given(log: str) -> Iterator[None]:
     """Errors name a recording by its path as given; results know an absolute one by its file's name alone."""
     try:
         yield
@@ -80,12 +80,12 @@ def drive_for(job: Job, opened: Opened, loaded: Loaded | None = None, free: Sequ
     elif job.drive:
         drive = replace(KNOWN_DRIVES[job.drive](*units), damping_law=drive.damping_law)
     drive = loaded.fill(drive)
-    return as_set(drive, job.set)
+    return with_set_values(drive, job.set)
 
 
 def with_torques(opened: Opened, drive: Drive, free: Sequence[str] = (), off_too: bool = False,
                  ) -> tuple[Opened, Drive]:
-    """What was opened with inputs in A, V or % as torques, and the drive that knows by what constants.
+    """The recordings with inputs in A, V or % as torques, and the drive with the torque constants used.
 
     Of an induction motor with voltages of its supply in their frame; off_too: also where that is off.
     """
@@ -95,25 +95,26 @@ def with_torques(opened: Opened, drive: Drive, free: Sequence[str] = (), off_too
     return replace(opened, experiments=experiments), drive
 
 
-def as_set(drive: Drive, words: Sequence[str]) -> Drive:
+def with_set_values(drive: Drive, words: Sequence[str]) -> Drive:
     """The drive with the values of --set."""
-    with as_usage():
+    with errors_as_usage():
         return drive.with_values(dict(start_value(word, drive) for word in words))
 
 
 @contextlib.contextmanager
-def as_usage() -> Iterator[None]:
-    """What is wrong with a name or a value is wrong usage where an option brought it."""
+def errors_as_usage() -> Iterator[None]:
+    """Errors of a name or a value become usage errors where an option gave it."""
     try:
         yield
     except BadParameters as error:
         raise BadOption(error.wanted, error.found, error.do, error.available) from None
 
 
-def noted(job: Job, options: Mapping[str, Any], record: Sequence[tuple[str, str]] = ()) -> dict[str, object]:
-    """The options that a step used; the conditioning, and what was said of start and records where there is any.
+def noted_options(job: Job, options: Mapping[str, Any],
+          record: Sequence[tuple[str, str]] = ()) -> dict[str, object]:
+    """The options that a step used; the conditioning, the start states and the record differences where given.
 
-    record  (recording, word) as --record had them
+    record  (recording, word) as given with --record
     """
     used = {name: value for name, value in options.items() if name != "start"}
     if job.start:
@@ -122,12 +123,12 @@ def noted(job: Job, options: Mapping[str, Any], record: Sequence[tuple[str, str]
     return used | ({"condition": list(job.condition)} if job.condition else {})
 
 
-def findings(opened: Opened, more: Sequence[Finding], used: Collection[str], drive: Drive | None,
+def collected_findings(opened: Opened, more: Sequence[Finding], used: Collection[str], drive: Drive | None,
              step: str, options: Options | None = None) -> tuple[Finding, ...]:
-    """What was found in the recordings, what of them was not used, then what the step found; each once.
+    """Findings about the recordings, then about their unused parts, then those of the step; each once.
 
-    used   the roles that the step takes
-    drive  of which it makes a model; None: none
+    used   the roles that the step uses
+    drive  the drive that it models; None: none
     options  of an estimator
     """
     from drivetool.identify.channels import unused_roles
@@ -139,7 +140,7 @@ def findings(opened: Opened, more: Sequence[Finding], used: Collection[str], dri
     return tuple([finding for finding in first if finding not in more] + list(more))
 
 
-def _shape(job: Job) -> Loaded | None:
+def _drive_file(job: Job) -> Loaded | None:
     """The drive file, if --drive names one."""
     from drivetool.drive import KNOWN_DRIVES
     from drivetool.files.yaml import load_parameters
@@ -163,12 +164,12 @@ _NUMBER = re.compile(r"([-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?|[-+]?inf|)\s*(
 def start_value(word: str, drive: Drive, option: str = "--set") -> tuple[str, float]:
     """'shaft.half_gap=2 mrad' as name and value in the drive's unit."""
     name = word.partition("=")[0].strip()
-    return name, _value(option, word, drive.unit(name))
+    return name, _parsed_value(option, word, drive.unit(name))
 
 
-def start_of(words: Sequence[str], drive: Drive) -> Start:
-    """'rest' and 'motor.speed=20 rpm' as what is known of the state in which the recordings begin."""
-    from drivetool.identify.setup import REST, Start, checked_state
+def start_of(words: Sequence[str], drive: Drive) -> KnownStart:
+    """'rest' and 'motor.speed=20 rpm' as the known start state of the recordings."""
+    from drivetool.identify.setup import REST, KnownStart, check_state
 
     given: dict[str, float] = {}
     for word in words:
@@ -178,14 +179,15 @@ def start_of(words: Sequence[str], drive: Drive) -> Start:
         if word.strip() == REST:
             given[REST] = 0.0
             continue
-        checked_state(word if name == REST else name, 0.0, drive)
-        with as_usage():
-            given[name] = _value("--start", word, drive.motion_unit + ("/s" if name.endswith(".speed") else ""))
-        checked_state(name, given[name], drive)
-    return Start(REST in given, {name: value for name, value in given.items() if name != REST})
+        check_state(word if name == REST else name, 0.0, drive)
+        with errors_as_usage():
+            given[name] = _parsed_value("--start", word,
+                                        drive.motion_unit + ("/s" if name.endswith(".speed") else ""))
+        check_state(name, given[name], drive)
+    return KnownStart(REST in given, {name: value for name, value in given.items() if name != REST})
 
 
-def _value(option: str, word: str, wanted: str) -> float:
+def _parsed_value(option: str, word: str, wanted: str) -> float:
     """The value of 'NAME=VALUE', in the wanted unit."""
     name, equals, rest = (part.strip() for part in word.partition("="))
     number, unit = _NUMBER.match(rest).groups()
@@ -196,7 +198,7 @@ def _value(option: str, word: str, wanted: str) -> float:
         value = float(number)
     except ValueError:
         raise BadOption(f"a finite number for {name} after {option}", f"'{rest}'", do) from None
-    return value * (units.factor(unit.strip(), wanted, name) if unit else 1.0)
+    return value * (units.conversion_factor(unit.strip(), wanted, name) if unit else 1.0)
 
 
 def check_outputs(job: Job, **further: str | None) -> None:

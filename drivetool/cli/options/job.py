@@ -1,4 +1,4 @@
-"""What a command that reads recordings was asked, and what it has read."""
+"""The request of a command that reads recordings, and what it has read."""
 
 from __future__ import annotations
 
@@ -13,12 +13,12 @@ if TYPE_CHECKING:
     from drivetool.files.yaml import Loaded
     from drivetool.logs import Experiment
 
-BETWEEN = "\0"  # between both words of --record: no argument of a process can hold it
+WORD_SEPARATOR = "\0"  # between both words of --record: no argument of a process can hold it
 
 
 @dataclass(frozen=True)
 class Job:
-    """What every command that reads recordings was asked, in the words of its options."""
+    """The request of a command that reads recordings, in the words of its options."""
 
     step: str
     given: Sequence[str]  # recordings, and folders of them

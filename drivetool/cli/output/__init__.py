@@ -1,4 +1,4 @@
-"""Takes a finished file and its exhibits and delivers them: on disk, on standard output, as table or picture.
+"""Takes a finished file and its plot data and delivers them: on disk, on standard output, as table or picture.
 
 Outcomes become exit codes and errors become sentences here alone.
 """

@@ -7,7 +7,7 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from typing import TYPE_CHECKING
 
-from drivetool.progress import shown_by
+from drivetool.progress import progress_to
 
 if TYPE_CHECKING:
     from rich.progress import Progress
@@ -20,7 +20,7 @@ class Bar:
         self.stage, self.progress, self.task = "", None, None
 
     def __call__(self, stage: str, done: int, total: int) -> None:
-        """Show a stage; see `drivetool.progress.tell`."""
+        """Show a stage; see `drivetool.progress`."""
         if stage != self.stage or self.progress is None:
             self.close()
             if done >= total:
@@ -55,7 +55,7 @@ def progress_bar(quiet: bool = False) -> Iterator[None]:
         return
     bar = Bar()
     try:
-        with shown_by(bar):
+        with progress_to(bar):
             yield
     finally:
         bar.close()

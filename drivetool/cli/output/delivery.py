@@ -1,4 +1,4 @@
-"""The result to where it was asked for: file, standard output, table, pictures, talk."""
+"""The result to the requested outputs: file, standard output, table, pictures, messages."""
 
 from __future__ import annotations
 
@@ -15,22 +15,23 @@ if TYPE_CHECKING:
 
     from drivetool.cli.options import Job
     from drivetool.files.shapes import GainsFile, InspectionFile, ParameterFile, TrendsFile, ValidationFile
-    from drivetool.identify.estimate import Exhibit
+    from drivetool.identify.estimate import PlotData
     from drivetool.logs import Experiment
 
     Written = ParameterFile | ValidationFile | GainsFile | InspectionFile | TrendsFile
 
-WIDE = 160  # columns of a table that nobody sees on a terminal
+# Columns of a table in a pipe or a file, which have no width of their own: twice a terminal, so no number is cut.
+PIPE_TABLE_WIDTH = 160
 
 
-def deliver(job: Job, file: Written, exhibits: Sequence[Exhibit], per_unit: bool = False,
+def deliver(job: Job, file: Written, plots: Sequence[PlotData], per_unit: bool = False,
             names: Sequence[str] = ()) -> int:
     """Write, print and draw; the exit code.
 
     file      what the step writes
-    exhibits  what the pictures show
+    plots     plot data of the pictures
     per_unit  whether the table of gains is per unit
-    names     of what the pictures show; none: of the recordings
+    names     names of the plots; none: of the recordings
     """
     from drivetool.files.results import dump
 
@@ -44,12 +45,12 @@ def deliver(job: Job, file: Written, exhibits: Sequence[Exhibit], per_unit: bool
     elif terminal:
         print_table(file, per_unit)
     sys.stdout.flush()
-    judged = getattr(file, "options", {}).get("holdout", ())
-    names = names or [entry.file for entry in getattr(file, "data", ())] + [entry["file"] for entry in judged]
-    pictures = draw(job, exhibits, names)
+    holdout = getattr(file, "options", {}).get("holdout", ())
+    names = names or [entry.file for entry in getattr(file, "data", ())] + [entry["file"] for entry in holdout]
+    pictures = draw(job, plots, names)
     passed = getattr(file, "passed", True)
     if not job.quiet:
-        _talk(job, file, pictures)
+        _say_outcome(job, file, pictures)
     return exit_code((finding.severity for finding in file.findings), passed, job.strict)
 
 
@@ -61,8 +62,8 @@ def print_table(file: Written, per_unit: bool = False) -> None:
 
     console = Console(highlight=False)
     # Narrower, and numbers would be cut; a pipe or a file has no width to keep to.
-    free = not console.is_terminal and "COLUMNS" not in os.environ
-    console.width = WIDE if free else max(80, console.width)
+    unlimited = not console.is_terminal and "COLUMNS" not in os.environ
+    console.width = PIPE_TABLE_WIDTH if unlimited else max(80, console.width)
     if hasattr(file, "channels"):
         from drivetool.files.tables import print_inspection
 
@@ -86,7 +87,7 @@ def print_table(file: Written, per_unit: bool = False) -> None:
 
 
 def _print_parameters(file: Written, console: Console) -> None:
-    """An estimate, and the diagnosis that came to it."""
+    """An estimate, after its diagnosis where there is one."""
     from drivetool.files.tables import result_tables as tables
 
     if file.diagnosis is not None:
@@ -105,25 +106,25 @@ def print_findings(file: Written, stderr: bool = True) -> None:
     tables.print_findings(file.findings, Console(stderr=stderr, highlight=False))
 
 
-def draw(job: Job, exhibits: Sequence[Exhibit], records: Sequence[str]) -> list[str]:
+def draw(job: Job, plots: Sequence[PlotData], records: Sequence[str]) -> list[str]:
     """Pictures into --plot DIR; their names."""
     if not job.plot:
         return []
     from drivetool.files.figures import draw_all
 
-    return draw_all(exhibits, job.plot, job.step, records)
+    return draw_all(plots, job.plot, job.step, records)
 
 
 def draw_recordings(job: Job, experiments: Sequence[Experiment]) -> None:
-    """What was recorded, for the person who wonders why the fit failed."""
+    """The recordings, for the person who looks for the reason of a failed fit."""
     if job.plot:
-        from drivetool.files.figures import exhibit_of
+        from drivetool.files.figures import recording_plot
 
-        draw(job, [exhibit_of(each) for each in experiments], [each.name for each in experiments])
+        draw(job, [recording_plot(each) for each in experiments], [each.name for each in experiments])
 
 
-def _talk(job: Job, file: Written, pictures: Sequence[str]) -> None:
-    """Findings, how it ended and what was written."""
+def _say_outcome(job: Job, file: Written, pictures: Sequence[str]) -> None:
+    """Findings, the outcome and the written files."""
     print_findings(file)
     outcome = getattr(file, "outcome", "") or getattr(file, "verdict", "")
     if outcome:
@@ -138,7 +139,7 @@ def show_entries(title: str, entries: Sequence[Mapping[str, Any]], every: bool, 
                  print_all: Callable, print_one: Callable) -> None:
     """Print entries of a catalogue: on a terminal as tables, else as YAML or JSON.
 
-    title  key of the list; every: whether all were asked for, else the first one is printed
+    title  key of the list; every: whether all are requested, else the first one is printed
     """
     from drivetool.files.yaml import to_json, to_yaml
 

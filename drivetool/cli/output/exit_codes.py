@@ -17,6 +17,7 @@ from drivetool.cli.output.bar import progress_bar
 from drivetool.errors import BadOption, DriveToolError, Notice
 from drivetool.finding_codes import Severity
 
+# 2 is click's for wrong usage, 130 is 128 + SIGINT as shells report it; 3 separates a missed bar from an error.
 DONE, FAILED, USAGE, MISSED, INTERRUPTED = 0, 1, 2, 3, 130
 
 
@@ -44,7 +45,7 @@ def guarded(command: str, work: Callable[[], int], debug: bool = False, quiet: b
                 code = work()
             sys.stdout.flush()
         except DriveToolError as error:
-            code = _failed(command, f"error: {error}", debug)
+            code = _say_failure(command, f"error: {error}", debug)
             code = USAGE if isinstance(error, BadOption) else code
         except KeyboardInterrupt:
             say(command, "interrupted")
@@ -62,13 +63,13 @@ def guarded(command: str, work: Callable[[], int], debug: bool = False, quiet: b
             if isinstance(error, OSError) and error.errno in (errno.ENOSPC, errno.EIO):
                 text = f"error: wanted to print the result; found {error.strerror}. Make room, or print elsewhere."
                 os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
-            code = _failed(command, text, debug)
+            code = _say_failure(command, text, debug)
     raise typer.Exit(code)
 
 
 @contextmanager
 def _silent_libraries(command: str, debug: bool) -> Iterator[None]:
-    """What libraries warn of is shown with --debug alone: what a user should know is a finding or a notice."""
+    """Warnings of libraries are shown with --debug alone: what a user should know is a finding or a notice."""
     def show(message: Warning | str, category: type[Warning], *_, **__) -> None:
         if issubclass(category, Notice):
             say(command, f"warning: {message}")
@@ -100,8 +101,8 @@ def put(text: str) -> None:
     buffer.flush()
 
 
-def _failed(command: str, text: str, debug: bool) -> int:
-    """Say what went wrong, with the traceback if it was asked for."""
+def _say_failure(command: str, text: str, debug: bool) -> int:
+    """Print the error, with the traceback if requested."""
     if debug:
         traceback.print_exc()
     say(command, text)

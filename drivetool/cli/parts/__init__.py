@@ -1,5 +1,5 @@
-"""What commands share or do with another kind of input: the run of an estimator, replays of gains, run-downs, swaps
-of parameters.
+"""What commands share or do with another kind of input: the run of an estimator, replays of gains, coast-downs,
+swaps of parameters.
 
 Each takes a job and delivers like its command.
 """

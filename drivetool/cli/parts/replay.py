@@ -10,7 +10,7 @@ from drivetool.errors import Finding
 if TYPE_CHECKING:
     from drivetool.check.validation import RecordCheck, ValidateOptions, Validation
     from drivetool.drive import Drive
-    from drivetool.identify.estimate import Exhibit
+    from drivetool.identify.estimate import PlotData
     from drivetool.logs import Experiment
     from drivetool.tune.simulation import LoopReplay
 
@@ -26,62 +26,63 @@ def replay_gains(experiments: Sequence[Experiment], models: Sequence[tuple[str, 
     returns  (Validation, (name, sha256) of the gains file)
     """
     from drivetool.check.validation import Validation
-    from drivetool.files.results import controller, load_gains
+    from drivetool.files.results import controller_of, load_gains
     from drivetool.tune.simulation import replay_load_step
     from drivetool.tune.speed_loop import build
 
     name, digest, file = load_gains(path)
-    wiring, settings = controller(file, name, configuration)
+    wiring, settings = controller_of(file, name, configuration)
     checks: list[RecordCheck] = []
-    exhibits: list[Exhibit] = []
+    plots: list[PlotData] = []
     found: list[Finding] = []
     tuned_on = {entry.sha256 for entry in file.inputs}
     for model, sha256, drive in models:
         if sha256 not in tuned_on:
-            found.append(_another(model, name, [entry.file for entry in file.inputs]))
+            found.append(_other_tuning_note(model, name, [entry.file for entry in file.inputs]))
         loop = build(drive, wiring)
         for experiment in experiments:
             run = replay_load_step(loop, settings, experiment)
-            checks += [_check(model, experiment, run, role, options) for role in run.measured]
-            exhibits.append(_exhibit(model, experiment, run))
+            checks += [_replay_check(model, experiment, run, role, options) for role in run.measured]
+            plots.append(_replay_plot(model, experiment, run))
     missed = [c for c in checks if not c.passed]
     verdict = f"Replayed {name} on {', '.join(dict.fromkeys(c.file for c in checks))}: " + (
         f"{len(missed)} of {len(checks)} signals missed a bar." if missed else
         "every bar that was set is met." if options.min_fit is not None else "no bar was set.")
     data = tuple(e.source for e in experiments)
-    return Validation(tuple(checks), verdict, tuple(found), data, {}, tuple(exhibits)), (name, digest)
+    return Validation(tuple(checks), verdict, tuple(found), data, {}, tuple(plots)), (name, digest)
 
 
-def _check(model: str, experiment: Experiment, run: LoopReplay, role: str, options: ValidateOptions) -> RecordCheck:
-    """One signal; residual tests need an open loop and are not made."""
+def _replay_check(model: str, experiment: Experiment, run: LoopReplay, role: str,
+                  options: ValidateOptions) -> RecordCheck:
+    """One signal; residual tests need an open loop and are left out."""
     import numpy as np
 
     from drivetool.check.validation import RecordCheck
 
     y = run.measured[role][np.isfinite(run.measured[role])]
-    wide, total = float(np.ptp(y)), float(np.sum((y - y.mean()) ** 2))
+    output_range, total = float(np.ptp(y)), float(np.sum((y - y.mean()) ** 2))
     unit = experiment.torque_unit if role.endswith("torque") else f"{experiment.motion_unit}/s"
     fit, rmse = run.fits[role], run.rmse[role]
     return RecordCheck(
-        model, experiment.name, role, unit, fit, None, rmse, rmse / wide if wide else NAN,
-        1.0 - rmse**2 * len(y) / total if wide and total else NAN, len(y), NAN, NAN, NAN, NAN, None,
+        model, experiment.name, role, unit, fit, None, rmse, rmse / output_range if output_range else NAN,
+        1.0 - rmse**2 * len(y) / total if output_range and total else NAN, len(y), NAN, NAN, NAN, NAN, None,
         options.min_fit is None or fit >= options.min_fit)
 
 
-def _exhibit(model: str, experiment: Experiment, run: LoopReplay) -> Exhibit:
+def _replay_plot(model: str, experiment: Experiment, run: LoopReplay) -> PlotData:
     """Measured over simulated motor speed, with the load torque."""
-    from drivetool.identify.estimate import Exhibit, fit_words
+    from drivetool.identify.estimate import PlotData, fit_text
 
     y, s = run.measured["motor_speed"], run.simulated["motor_speed"]
-    return Exhibit(
+    return PlotData(
         "record",
-        f"{experiment.name}, model {model}: tuned loop replayed, fit {fit_words(run.fits['motor_speed'], '.1f')}",
+        f"{experiment.name}, model {model}: tuned loop replayed, fit {fit_text(run.fits['motor_speed'], '.1f')}",
         "time [s]", f"motor speed [{experiment.motion_unit}/s]", {
             "measured": (run.time, y), "simulated": (run.time, s), "residual": (run.time, y - s),
             f"torque of the load [{experiment.torque_unit}]": (run.time, run.load)})
 
 
-def _another(model: str, gains: str, files: Sequence[str]) -> Finding:
+def _other_tuning_note(model: str, gains: str, files: Sequence[str]) -> Finding:
     return Finding("note", "tuned-for-another-file",
                    f"{gains} was tuned for {', '.join(files)}, not for {model} as it is now.", {},
                    "Tune again if the parameters have changed.")

@@ -4,19 +4,19 @@ from __future__ import annotations
 
 import inspect
 from collections.abc import Callable, Mapping
-from dataclasses import asdict, replace
+from dataclasses import asdict, fields, replace
 from types import MappingProxyType
 from typing import TYPE_CHECKING
 
 from drivetool.cli.options import (
     Job,
-    as_usage,
+    collected_findings,
     common as cli,
-    differing,
     drive_for,
-    findings,
-    noted,
+    errors_as_usage,
+    noted_options,
     open_all,
+    record_differences,
     start_of,
     windows_of,
     with_torques,
@@ -29,10 +29,6 @@ if TYPE_CHECKING:
     from drivetool.identify.setup import Options
 
     Estimator = Callable[..., Estimate]
-
-
-OF_ONE_STEP = ("structure", "order", "noise_order", "weighting", "band", "method", "flux_decay",
-               "stages")
 
 
 def estimator_command(step: str, load: Callable[[], Estimator], own: Mapping[str, tuple] = MappingProxyType({}),
@@ -65,11 +61,11 @@ def estimator_command(step: str, load: Callable[[], Estimator], own: Mapping[str
 
         guarded(step, work, debug, quiet)
 
-    return _with_options(command, own)
+    return _with_signature(command, own)
 
 
-def _with_options(command: Callable[..., None], own: Mapping[str, tuple]) -> Callable[..., None]:
-    """The command with the signature that typer is to see: **more spelled out."""
+def _with_signature(command: Callable[..., None], own: Mapping[str, tuple]) -> Callable[..., None]:
+    """The command with the signature that typer reads: **more spelled out."""
     signature = inspect.signature(command, eval_str=True)
     shown = {name: p for name, p in signature.parameters.items() if p.kind is not p.VAR_KEYWORD}
     for name, (annotation, default) in own.items():
@@ -87,23 +83,24 @@ def run(job: Job, estimator: Estimator, options: Options) -> int:
     from drivetool.identify.channels import used_by
     from drivetool.identify.setup import Options
     from drivetool.identify.shaft_torque import check_shaft_torque
-    from drivetool.logs import no_copies
+    from drivetool.logs import refuse_copies
 
     if job.record and job.step == "steady" and options.method != "coast-down":
         raise BadOption("--method coast-down with --record of steady", f"--method {options.method}",
                         "Say so, or leave it out: other methods take recordings as alike.")
     opened = open_all(job)
-    no_copies(opened.experiments)
-    apart = differing(job, opened.experiments, drive_for(job, opened, free=options.free))
-    opened, drive = with_torques(opened, apart.drive, (*options.free, *apart.free), job.step == "steady")
-    with as_usage():
+    refuse_copies(opened.experiments)
+    differences = record_differences(job, opened.experiments, drive_for(job, opened, free=options.free))
+    opened, drive = with_torques(opened, differences.drive, (*options.free, *differences.free),
+                                 job.step == "steady")
+    with errors_as_usage():
         for name in (*options.hold, *options.free):
             if name != "all":
                 drive.quantity(name)
     check_shaft_torque(opened.experiments, drive)
-    options = replace(options, free=(*options.free, *apart.free),
+    options = replace(options, free=(*options.free, *differences.free),
                       known=opened.loaded.covariance(drive, single=True),
-                      start=replace(start_of(job.start, drive), records=apart.starts),
+                      start=replace(start_of(job.start, drive), records=differences.starts),
                       stages=windows_of(job.stages, drive.motion_unit))
     try:
         estimate = estimator(opened.experiments, drive, options)
@@ -111,11 +108,12 @@ def run(job: Job, estimator: Estimator, options: Options) -> int:
         draw_recordings(job, opened.experiments)
         raise
     used = asdict(replace(options, known=None)) | dict(estimate.options) | {"set": list(job.set)}
-    plain = asdict(Options())  # of what only one step has, the file says what was asked for
+    defaults = asdict(Options())  # the file states options of a single step only where they were requested
     used |= {"stages": job.stages} if job.stages else {}
+    of_one_step = {f.name for f in fields(Options) if f.metadata}
     used = {name: value for name, value in used.items()
-            if name != "known" and not (name in OF_ONE_STEP and value == plain[name])}
-    estimate = replace(estimate, options=noted(job, used, apart.words),
-                       findings=findings(opened, estimate.findings, used_by(
+            if name != "known" and not (name in of_one_step and value == defaults[name])}
+    estimate = replace(estimate, options=noted_options(job, used, differences.words),
+                       findings=collected_findings(opened, estimate.findings, used_by(
                            job.step, opened.experiments, drive, options.criterion), drive, job.step, options))
     return deliver(job, estimate_file(estimate, opened.inputs, opened.loaded.carried), estimate.exhibits)

@@ -16,14 +16,14 @@ def check_words(files: Sequence[str], options: Mapping[str, object]) -> None:
     files    the words of the command line that are no options
     options  name -> value of those that say how recordings are read and fitted
     """
-    from drivetool.files.disk import SUFFIXES
+    from drivetool.files.disk import RECORDING_SUFFIXES
 
     given = [name for name, value in options.items() if value]
     if given:
         raise BadOption("no option of recordings or fits beside --swap, which reads two parameter files",
                         ", ".join(given), "Leave it out.")
     for file in files:
-        if Path(file).suffix.lower() in SUFFIXES or Path(file).is_dir():
+        if Path(file).suffix.lower() in RECORDING_SUFFIXES or Path(file).is_dir():
             raise BadOption("two parameter files after compare --swap", f"the recording {file}",
                             "Fit each recording first, for example with greybox, and give what it writes.")
     if len(files) != 2:
@@ -34,7 +34,7 @@ def check_words(files: Sequence[str], options: Mapping[str, object]) -> None:
 
 
 def run(job: Job) -> int:
-    """Read both files, hold them against each other, deliver; the exit code."""
+    """Read both files, compare, deliver; the exit code."""
     from drivetool.files.results import sides_of, swap_file
     from drivetool.files.yaml import load_parameters
     from drivetool.identify.several import swap

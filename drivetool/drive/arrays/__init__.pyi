@@ -1,12 +1,12 @@
 from .system import (
-    LOOKS as LOOKS,
     MADE_FOR as MADE_FOR,
-    MOST_LAWS as MOST_LAWS,
+    MAX_GUARD_INSTANTS as MAX_GUARD_INSTANTS,
+    MAX_LAW_PARAMETERS as MAX_LAW_PARAMETERS,
+    MAX_SIZED_LAWS as MAX_SIZED_LAWS,
     MOST_STATES as MOST_STATES,
-    NARROW as NARROW,
-    ORDER as ORDER,
-    PARAMETERS as PARAMETERS,
-    WIDE as WIDE,
+    NARROW_BLOCK as NARROW_BLOCK,
+    SERIES_ORDER as SERIES_ORDER,
+    WIDE_BLOCK as WIDE_BLOCK,
     Cache as Cache,
     Filtering as Filtering,
     Laws as Laws,
@@ -14,4 +14,4 @@ from .system import (
     System as System,
     empty_cache as empty_cache,
 )
-from .table import fields as fields, packed as packed, place_of as place_of
+from .table import address_of as address_of, fields as fields, packed as packed

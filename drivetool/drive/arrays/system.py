@@ -5,6 +5,7 @@ element, gaps first: 0 contact on the positive side, 1 open, 2 contact on the ne
 frictions: 0 slip forward, 1 stick, 2 slip backward.
 
 A jet is a number followed by its derivatives over the nq free parameters, along the last axis.
+A block of code is "sized" if it is compiled for a fixed number of states and one input: its loops are unrolled.
 """
 
 from __future__ import annotations
@@ -15,19 +16,26 @@ import numpy as np
 
 from drivetool.drive.arrays.table import Float1, Float2, Float3, Float4, Int1, Int2
 
-ORDER = 11  # of the power series between events; rate * time <= 1/2, so the rest is below 1e-12
-CAPACITY = 256  # modes kept; a chain has 3^(gaps + frictions), of which a record visits a few
-PARAMETERS = 4  # of a smooth law, at most
-WIDE, NARROW = 8, 4  # columns that are carried from sample to sample at a time, and what may be left of them
-MADE_FOR = range(3, 8)  # numbers of states for which, with one input, there is code made for just so many
-MOST_STATES, MOST_LAWS = 7, 4  # the same with smooth laws
-LOOKS = 8  # most instants inside a sample at which a guard is looked at
+# Order of the power series between events: rate * time <= 1/2, so the remainder 0.5^12/12! is below 1e-12.
+SERIES_ORDER = 11
+# Modes kept in the cache. A choice: a chain has 3^(gaps + frictions) modes, of which a record visits a few.
+MAX_CACHED_MODES = 256
+MAX_LAW_PARAMETERS = 4  # a smooth law has at most so many: the Stribeck law has three
+# Columns carried from sample to sample in one block, and width of the blocks of the remaining columns. Powers of
+# two: a block of 4 float64 fills a 256-bit vector register, one of 8 two of them.
+WIDE_BLOCK, NARROW_BLOCK = 8, 4
+MADE_FOR = range(3, 8)  # state counts with sized code: from two masses to three with an angle and a disturbance
+# Largest state and law counts with sized code for smooth laws. A choice: each pair costs compile time at first use.
+MOST_STATES, MAX_SIZED_LAWS = 7, 4
+# Largest number of instants inside a sample at which a guard is evaluated. A choice: more of them reject fewer
+# event-free samples, and each costs one product with the state.
+MAX_GUARD_INSTANTS = 8
 
 
 class System(NamedTuple):
     """nx states, nu inputs, nz = nx + nu + 1, ng gaps, nf frictions, ny outputs, ns columns.
 
-    The first `plain` states are the drive's; behind them lie those of the smooth laws.
+    The first `plain` states are the drive's; the states of the smooth laws follow.
 
     rows        (nx, nz, 1 + nq)  Q without gaps and friction
     mass        (nx, 1 + nq)      M, one where a row is not a body
@@ -36,13 +44,13 @@ class System(NamedTuple):
     gap_rows    (ng, 2)           bodies that the shaft torque acts on
     gap_gain    (ng, 2, 1 + nq)   by which factor: -1/ratio and 1
     slip_rows   (nf,)             bodies with Coulomb friction
-    level       (nf, 1 + nq)      its level
+    level       (nf, 1 + nq)      Coulomb torque of that body
     outputs     (ny, nx, 1 + nq)  y = C x
     output_gap  (ny,)             gap whose torque adds to the output, or -1
-    picks       (ny,)             state that the output is, or -1 if it is more than a state
-    spans       (parts,)          lengths of the parts of a sample [s]
-    early       ()                parts before the dead time switches the torque inside a sample
-    delay       (nq,)             d(dead time)/d(parameter)
+    output_state  (ny,)           state that the output equals, or -1 if it is a combination
+    part_lengths  (parts,)        lengths of the parts of a sample [s]
+    parts_before_switch  ()       parts before the dead time switches the torque inside a sample
+    dead_time_gradient  (nq,)     d(dead time)/d(parameter)
     memory      (nx,)             factor on a state from sample to sample
     """
 
@@ -56,10 +64,10 @@ class System(NamedTuple):
     level: Float2
     outputs: Float3
     output_gap: Int1
-    picks: Int1
-    spans: Float1
-    early: int
-    delay: Float1
+    output_state: Int1
+    part_lengths: Float1
+    parts_before_switch: int
+    dead_time_gradient: Float1
     memory: Float1
     nx: int
     nu: int
@@ -74,48 +82,48 @@ class System(NamedTuple):
 class Laws(NamedTuple):
     """The smooth nonlinear torques of a system; nl laws.
 
-    The torque of a law over a stretch is a parabola in time, carried by three states at the end of
-    the state. So a stretch is linear again and the exact kernel takes it. Where the flow is worked with,
-    they are value, slope and bend; where a whole part of a sample is stepped over, the torques at its start,
-    its middle and its end, and the columns of leap, mid and watch are over these.
+    The torque of a law over a stretch is a parabola in time, carried by three states at the end of the state. So
+    a stretch is linear and the exact kernel applies. With `a_matrix` these states are value, slope and curvature.
+    Over a whole part of a sample they are the torques at its start, middle and end; the columns of phi, phi_mid
+    and guard_rows are over these.
 
-    code        (nl,)                    which law of LAW_TORQUES
-    arguments   (nl, 2, nx, 1 + nq)      its two arguments over the state
-    parameters  (nl, PARAMETERS, 1 + nq)
-    gap         (nl,)                    gap whose contact it belongs to, or -1
-    half        (nl, 1 + nq)             half gap taken off the first argument in contact
-    turns       (nl,)                    whether its arguments depend on a free parameter
-    friction    (nl,)                    friction in whose slip it acts, or -1
-    first       ()                       first of the 3 nl states
-    shown       ()                       whether an output contains the torque of a law
+    code            (nl,)                    which law of LAW_TORQUES
+    arguments       (nl, 2, nx, 1 + nq)      its two arguments over the state
+    parameters      (nl, MAX_LAW_PARAMETERS, 1 + nq)
+    gap             (nl,)                    gap whose contact it belongs to, or -1
+    half_gap        (nl, 1 + nq)             half gap subtracted from the first argument in contact
+    arguments_vary  (nl,)                    whether its arguments depend on a free parameter
+    friction        (nl,)                    friction in whose slip it acts, or -1
+    first           ()                       first of the 3 nl states
+    in_output       ()                       whether an output contains the torque of a law
 
-    Scratch: found (3, nl, 3 + PARAMETERS) torques and derivatives at start, middle and end;
-    weight, spare (2 nl, 2 nl) and change (2 nl, 1), right (2 nl, ns), the equations of the torques at middle and
-    end and of their sensitivities; slopes, begun, middle (nl, nx); after (first, ns); nodes (3, nx, ns + 2 nl) and
-    term (2, nx, ns + 2 nl)
+    Scratch: torque_jets (3, nl, 3 + MAX_LAW_PARAMETERS) torques and derivatives at start, middle and end;
+    newton_matrix, matrix_scratch (2 nl, 2 nl) and torque_change (2 nl, 1), torque_columns (2 nl, ns), the equations
+    of the torques at middle and end and of their sensitivities; slopes, start_slopes, middle_slopes (nl, nx);
+    end_columns (first, ns); nodes (3, nx, ns + 2 nl) and term (2, nx, ns + 2 nl)
 
-    torque, motion, columns, transition, spread, join, rough, show    addresses of the units law_torque, law_motion,
-    law_columns, law_transition, spread, join, law_rough_step and show
+    torque, motion, columns, transition, spread, join, event_step, show    addresses of the units law_torque,
+    law_motion, law_columns, law_transition, spread, join, law_rough_step and show
     """
 
     code: Int1
     arguments: Float4
     parameters: Float3
     gap: Int1
-    half: Float2
-    turns: Int1
+    half_gap: Float2
+    arguments_vary: Int1
     friction: Int1
     first: int
-    shown: bool
-    found: Float3
-    weight: Float2
-    spare: Float2
-    change: Float2
-    right: Float2
+    in_output: bool
+    torque_jets: Float3
+    newton_matrix: Float2
+    matrix_scratch: Float2
+    torque_change: Float2
+    torque_columns: Float2
     slopes: Float2
-    begun: Float2
-    middle: Float2
-    after: Float2
+    start_slopes: Float2
+    middle_slopes: Float2
+    end_columns: Float2
     nodes: Float3
     term: Float3
     torque: int
@@ -124,50 +132,52 @@ class Laws(NamedTuple):
     transition: int
     spread: int
     join: int
-    rough: int
+    event_step: int
     show: int
 
 
 class Cache(NamedTuple):
     """Matrices of the modes met so far; emptied when full.
 
-    slot   (modes * parts + 1,)     where a mode lies, -1 if nowhere; last: how many there are
-    flow   (cap, nx, nz, 1 + nq)    dx/dt = flow z
-    leap   (cap, nx, nz)            x after the part of a sample = leap z
-    dleap  (cap, nx, nz, nq)        its derivative
-    wide   (cap, chunks, WIDE nx nz) the same, WIDE columns at a time: rows of so many one behind the other
-    net    (cap, nf, nz)            torque on a body without its Coulomb friction
-    watch  (cap, elements, LOOKS + 1, nz)  guard value at the start of the part and at instants inside,
-           over z at its start
-    mid    (cap, nx, nz)            x in the middle of the part, dmid its derivative, wide_mid that in blocks: with
-           laws only
-    hold   (nf, 1)                  torque up to which friction holds a body at rest
-    looks  (cap,)                   how many instants inside there are
-    rate   (cap,)                   balanced norm of flow [1/s]
+    slot           (modes * parts + 1,)     index of a mode in the arrays, -1 if absent; last: how many there are
+    a_matrix       (cap, nx, nz, 1 + nq)    dx/dt = a_matrix z
+    phi            (cap, nx, nz)            x after the part of a sample = phi z
+    dphi           (cap, nx, nz, nq)        its derivative
+    dphi_blocks    (cap, chunks, WIDE_BLOCK nx nz)  dphi in blocks of WIDE_BLOCK columns, all rows
+                   of a block in sequence
+    net_torque     (cap, nf, nz)            torque on a body without its Coulomb friction
+    guard_rows     (cap, elements, MAX_GUARD_INSTANTS + 1, nz)  guard value at the start of the part and at instants
+                   inside, over z at its start
+    phi_mid        (cap, nx, nz)            x in the middle of the part, dphi_mid its derivative, dphi_mid_blocks
+                   that in blocks: with laws only
+    holding_torque (nf, 1)                  torque up to which friction holds a body at rest
+    guard_instants (cap,)                   how many instants inside there are
+    rate           (cap,)                   balanced norm of a_matrix [1/s]
 
     The last slot is not for a mode but for a step of any length.
 
     The rest is scratch, for the kernel allocates nothing:
     jets (3, nx, nz, 1 + nq), square (nx, nx), transition (nx, plain and a few more), columns (3, nx, ns),
-    series (ORDER + 1, nx), poly (ORDER + 1,), vectors (5, nx), lines (3, nz), guards (elements,), gradient (ns,)
+    series (SERIES_ORDER + 1, nx), poly (SERIES_ORDER + 1,), vectors (5, nx), row_scratch (3, nz),
+    guards (elements,), gradient (ns,)
 
-    work_out, rough, late    addresses of the units work_out, rough_step and, where the dead time is
-                             free, switch_late; 0 where it is not needed
+    work_out, event_step, dead_time_switch    addresses of the units work_out, rough_step and, where the dead time
+                                              is free, switch_late; 0 where it is not needed
     """
 
     slot: Int1
-    flow: Float4
-    leap: Float3
-    dleap: Float4
-    wide: Float3
-    net: Float3
-    watch: Float4
-    looks: Int1
+    a_matrix: Float4
+    phi: Float3
+    dphi: Float4
+    dphi_blocks: Float3
+    net_torque: Float3
+    guard_rows: Float4
+    guard_instants: Int1
     rate: Float1
-    mid: Float3
-    dmid: Float4
-    wide_mid: Float3
-    hold: Float2
+    phi_mid: Float3
+    dphi_mid: Float4
+    dphi_mid_blocks: Float3
+    holding_torque: Float2
     jets: Float4
     square: Float2
     transition: Float2
@@ -175,23 +185,23 @@ class Cache(NamedTuple):
     series: Float2
     poly: Float1
     vectors: Float2
-    lines: Float2
+    row_scratch: Float2
     guards: Float1
     gradient: Float1
     work_out: int
-    rough: int
-    late: int
+    event_step: int
+    dead_time_switch: int
 
 
 class Pass(NamedTuple):
-    """Samples of a record to be simulated, and room for what comes out; all may go on in the next call.
+    """Samples of a record to be simulated, and arrays for the results; the next call may continue from them.
 
-    u, late  (n, nu)         inputs, and those before the dead time switches inside the sample
+    u, late  (n, nu)         inputs, and those before the dead time switches them inside the sample
     y        (n, ny)         measured outputs, NaN where there is none
     gain     (n, ny, nx)     observer gains, or (0, ny, nx) for a free run
     weight   (n, ny)         1/std of the innovations relative to the sensor's, or (0, ny)
-    x, big   (nx,), (nx, ns) state and sensitivities, carried on
-    mode     (elements,)     carried on; worked out first if `fresh`
+    x, sens  (nx,), (nx, ns) state and sensitivities, updated in place
+    mode     (elements,)     updated in place; determined from the state first if `fresh`
     out      (n, ny)         predicted outputs
     jac      (n, ny, ns)     weighted sensitivities, the weighted residual out - y in the last
                              column; or (0, ny, ns)
@@ -204,7 +214,7 @@ class Pass(NamedTuple):
     gain: Float3
     weight: Float2
     x: Float1
-    big: Float2
+    sens: Float2
     mode: Int1
     fresh: int
     out: Float2
@@ -213,15 +223,15 @@ class Pass(NamedTuple):
 
 
 class Filtering(NamedTuple):
-    """A record to be filtered, and room for what comes out.
+    """A record to be filtered, and arrays for the results.
 
     u, late, y  as in a Pass
     r        (ny,)        sensor variances relative to that of the first output
-    extra    (nx,)        variance added to each state per sample
-    kick     (nx,)        what a torque noise of one leaves in each state after its sample
+    added_variance (nx,)  variance added to each state per sample
+    noise_input (nx,)     change of each state by a unit torque noise, after its sample
     p        (plain, plain) covariance of the start state, changed
     x, mode  (nx,), (elements,) changed
-    gain     (n, ny, nx)  or (0, ny, nx), left as it is for what lies behind the plain states
+    gain     (n, ny, nx)  or (0, ny, nx); entries of the states after the plain ones are not written
     var      (n, ny); innov (n, ny), NaN where unmeasured
     states   (n, nx)      filtered states, or (0, nx)
     """
@@ -230,8 +240,8 @@ class Filtering(NamedTuple):
     late: Float2
     y: Float2
     r: Float1
-    extra: Float1
-    kick: Float1
+    added_variance: Float1
+    noise_input: Float1
     p: Float2
     x: Float1
     mode: Int1
@@ -242,21 +252,23 @@ class Filtering(NamedTuple):
 
 
 def empty_cache(s: System, laws: Laws | None, addresses: tuple[int, int, int]) -> Cache:
-    """Room for the modes of a system, none of them worked out yet; addresses of its units."""
+    """An empty cache for the modes of a system; addresses of its units."""
     nx, nz, jet = s.rows.shape
     elements = s.ng + s.nf
-    modes = 3 ** elements * s.spans.size
-    cap = min(modes, CAPACITY) + 1
+    modes = 3 ** elements * s.part_lengths.size
+    cap = min(modes, MAX_CACHED_MODES) + 1
     half = 0 if laws is None else cap
     slot = np.full(modes + 1, -1, np.int64)
     slot[-1] = 0
     return Cache(slot, np.zeros((cap, nx, nz, jet)), np.zeros((cap, nx, nz)),
-                 np.zeros((cap, nx, nz, jet - 1)), np.zeros((cap, -(-(jet - 1) // WIDE), WIDE * nx * nz)),
+                 np.zeros((cap, nx, nz, jet - 1)),
+                 np.zeros((cap, -(-(jet - 1) // WIDE_BLOCK), WIDE_BLOCK * nx * nz)),
                  np.zeros((cap, s.nf, nz)),
-                 np.zeros((cap, elements, LOOKS + 1, nz)), np.zeros(cap, np.int64), np.zeros(cap),
+                 np.zeros((cap, elements, MAX_GUARD_INSTANTS + 1, nz)), np.zeros(cap, np.int64), np.zeros(cap),
                  np.zeros((half, nx, nz)), np.zeros((half, nx, nz, jet - 1)),
-                 np.zeros((half, -(-(jet - 1) // WIDE), WIDE * nx * nz)), s.level[:, :1].copy(),
-                 np.zeros((3, nx, nz, jet)), np.zeros((nx, nx)), np.zeros((nx, -(-s.plain // NARROW) * NARROW)),
+                 np.zeros((half, -(-(jet - 1) // WIDE_BLOCK), WIDE_BLOCK * nx * nz)), s.level[:, :1].copy(),
+                 np.zeros((3, nx, nz, jet)), np.zeros((nx, nx)),
+                 np.zeros((nx, -(-s.plain // NARROW_BLOCK) * NARROW_BLOCK)),
                  np.zeros((3, nx, s.ns)),
-                 np.zeros((ORDER + 1, nx)), np.zeros(ORDER + 1), np.zeros((5, nx)),
+                 np.zeros((SERIES_ORDER + 1, nx)), np.zeros(SERIES_ORDER + 1), np.zeros((5, nx)),
                  np.zeros((3, nz)), np.zeros(elements), np.zeros(s.ns), *addresses)

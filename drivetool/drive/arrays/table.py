@@ -21,26 +21,26 @@ Int1, Int2 = (Annotated[np.ndarray, "int64", d] for d in (1, 2))
 
 @cache
 def fields(kind: type) -> tuple[tuple[str, np.dtype, int], ...]:
-    """Per field of a tuple class: name, type of number, dimensions, 0 for a number by itself."""
+    """Per field of a tuple class: name, type of number, number of dimensions, 0 for a scalar."""
     hints = get_type_hints(kind, include_extras=True)
     found = ((name, *getattr(hint, "__metadata__", ("int64", 0))) for name, hint in hints.items())
     return tuple((name, np.dtype(number), dimensions) for name, number, dimensions in found)
 
-_first = c_char.from_buffer
+_first_byte = c_char.from_buffer
 
 
-def place_of(array: np.ndarray) -> int:
-    """Address of the numbers of a contiguous array, 0 of none; numpy's own way takes three times as long."""
+def address_of(array: np.ndarray) -> int:
+    """Address of the data of a contiguous array, 0 if it is empty; array.ctypes takes three times as long."""
     try:
-        return addressof(_first(array)) if array.size else 0
-    except TypeError:  # not to be written to
+        return addressof(_first_byte(array)) if array.size else 0
+    except TypeError:  # a read-only array
         return array.ctypes.data
 
 
 def packed(values: tuple) -> np.ndarray:
     """The table of a named tuple: per array its address and shape, per number the number itself.
 
-    It is good for as long as the tuple lives.
+    It is valid as long as the tuple exists.
     """
     words: list[int] = []
     for value, (name, number, dimensions) in zip(values, fields(type(values)), strict=True):
@@ -50,6 +50,6 @@ def packed(values: tuple) -> np.ndarray:
         shape, kind = value.shape, value.dtype
         if (kind is not number and kind != number) or len(shape) != dimensions or not value.flags.c_contiguous:
             raise TypeError(f"{name} is not a contiguous array of {dimensions} dimensions of {number}")
-        words.append(place_of(value))
+        words.append(address_of(value))
         words.extend(shape)
     return np.array(words, np.int64)

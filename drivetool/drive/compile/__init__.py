@@ -1,7 +1,7 @@
-"""The sources of the kernel come in, and addresses of its machine code go out.
+"""Compiles the sources of the kernel and gives the addresses of its machine code.
 
-It is compiled once, kept in a folder safe from others, and loaded without the compiler. All use of Numba's inner
-parts is here.
+The kernel is compiled once, stored in a folder safe from other users, and loaded without the compiler. All use of
+Numba's internals is here.
 """
 
 import lazy_loader

@@ -1,7 +1,13 @@
 from . import numba_private as numba_private
-from .compiled import APART as APART, COMPILE as COMPILE, HOT as HOT, LAW as LAW, unit as unit
+from .compiled import (
+    COMPILE as COMPILE,
+    COMPILE_LAW as COMPILE_LAW,
+    INLINED as INLINED,
+    NO_OVERLAP as NO_OVERLAP,
+    unit as unit,
+)
 from .machine_code import address as address, function as function, store as store, symbol as symbol
-from .numba_private import kept_in_folder as kept_in_folder, leave_to_the_end as leave_to_the_end
+from .numba_private import cached_in_folder as cached_in_folder, defer_code_generation as defer_code_generation
 from .views import (
     CACHE as CACHE,
     FILTERING as FILTERING,

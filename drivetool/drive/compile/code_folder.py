@@ -1,16 +1,16 @@
-"""The folder that keeps the kernel's machine code between calls, safe from other users.
+"""The folder that stores the kernel's machine code between calls, safe from other users.
 
-Whoever can write there decides what this process executes. On systems with POSIX owners these things are
-guaranteed of a folder that is used:
+Whoever can write there controls what this process executes. On systems with POSIX owners a folder that is used has
+these properties:
 
-- it belongs to the user, and its mode lets nobody else write; what is created here has mode 0700
+- it belongs to the user, and its mode lets nobody else write; new folders have mode 0700
 - each folder above it belongs to the user or to root, and nobody else may write to it, unless its sticky bit
-  keeps others from renaming what is not theirs
-- no symbolic link lies on the way: the path is resolved first, and then checked as it is used
+  prevents others from renaming files that are not theirs
+- its path contains no symbolic link: it is resolved first, and then checked as it is used
 
-Not guaranteed: anything against root, against access lists that the mode does not show, or against what was put
-into a folder while its mode still let others write. The last resort, a folder for one process, is as safe as the
-folder of temporary files.
+There is no protection against root, against access lists that the mode does not show, or against files put into a
+folder while its mode let others write. The last resort, a folder for one process, is as safe as the folder of
+temporary files.
 """
 
 from __future__ import annotations
@@ -33,25 +33,27 @@ from llvmlite import binding as llvm
 
 from drivetool.errors import DriveToolError, Notice
 
-KEPT, DAY = 3, 86400.0  # other versions' folders that stay, and any that was in use within a day [s]
-PRIVATE = 0o700
+# Folders of other versions that prune keeps, and the age [s] below which it keeps any. A choice: a few checkouts
+# share a cache, and a process of an older version may still run within a day.
+MAX_OLD_FOLDERS, RECENT_USE = 3, 86400.0
+PRIVATE = 0o700  # mode of new folders: only the owner may read, write or enter
 OTHERS_WRITE = stat.S_IWGRP | stat.S_IWOTH
 # Root, and the id that Linux shows for owners outside of a container's user namespace, where root is one of them.
-ABOVE_USERS = (0, 65534)
+TRUSTED_OWNERS = (0, 65534)
 
 # The marker of a folder that may be removed, in the form that backup programs know: https://bford.info/cachedir
 MARKER = "CACHEDIR.TAG"
-MARK = b"""Signature: 8a477f597d28d172789f06886806bc55
+MARKER_CONTENT = b"""Signature: 8a477f597d28d172789f06886806bc55
 # Machine code of drivetool's kernel. It may be deleted at any time, and is compiled again.
 """
-OURS = ("*.o", "*.part", "lock", "*.code")  # other files written here; the last for tune
-# The folders in which it does so. Numba names them after the folder of the function: of older versions, and now.
-OF_NUMBA = ("tune_*", "speed_loop_*")
+OWN_FILES = ("*.o", "*.part", "lock", "*.code")  # other files written here; the last for tune
+# Folders of the code that tune compiles, of older versions and now. Numba names them after the function's folder.
+NUMBA_FOLDERS = ("tune_*", "speed_loop_*")
 
-# What is compiled lies below it, and in its own cache the machine code is kept first.
+# The compiled sources are below this folder, and its own cache is the first choice for the machine code.
 SOURCES = Path(importlib.util.find_spec("drivetool.drive").submodule_search_locations[0])
 
-_temporary: list[tempfile.TemporaryDirectory] = []  # gone when this process ends
+_temporary: list[tempfile.TemporaryDirectory] = []  # removed when this process ends
 
 
 def versions() -> str:
@@ -62,7 +64,7 @@ def versions() -> str:
 
 
 def _numba_version() -> str:
-    """The text from which Numba takes its version: to import Numba, or importlib.metadata, takes far longer."""
+    """The text from which Numba takes its version: importing Numba, or importlib.metadata, takes far longer."""
     spec = importlib.util.find_spec("numba")
     with suppress(OSError):
         if spec is not None and spec.origin:
@@ -75,49 +77,49 @@ def _numba_version() -> str:
 
 
 def folder_name() -> str:
-    """Carries a hash of all sources of the kernel, for any part may call any function, and of the versions."""
+    """Name with a hash of the versions and of all sources, for any part may call any function."""
     sources = b"".join(file.read_bytes() for file in sorted(SOURCES.rglob("*.py")))
     return "kernel-" + hashlib.sha256(sources + versions().encode()).hexdigest()[:16]
 
 
 @cache
 def folder() -> Path:
-    """Where the machine code of this version is kept.
+    """The folder for the machine code of this version.
 
-    The first place that is safe: NUMBA_CACHE_DIR if it is set, else beside the sources; the user's cache; a folder
-    of the user's among the temporary files, or one for this process only. A warning tells of the last two, and of a
-    NUMBA_CACHE_DIR that is passed over.
+    The first safe place: NUMBA_CACHE_DIR if it is set, else beside the sources; the user's cache; a folder of the
+    user's among the temporary files, or one for this process only. A warning reports the last two, and a
+    NUMBA_CACHE_DIR that is not used.
 
-    raises  DriveToolError: no place takes a file
+    raises  DriveToolError: no place accepts a file
     """
-    name, refused = folder_name(), []
-    for place in _places():
-        why = obstacle(place / name)
-        if not why:
+    name, reasons = folder_name(), []
+    for place in _candidate_folders():
+        problem = reason_unusable(place / name)
+        if not problem:
             prune(place / name)
-            if refused and os.environ.get("NUMBA_CACHE_DIR"):
+            if reasons and os.environ.get("NUMBA_CACHE_DIR"):
                 warnings.warn(f"the compiled kernel is kept in {place}, for NUMBA_CACHE_DIR cannot be used: "
-                              f"{refused[0]}.", Notice, stacklevel=2)
+                              f"{reasons[0]}.", Notice, stacklevel=2)
             return place / name
-        refused.append(why)
+        reasons.append(problem)
     try:
-        base, how = _temporary_base(), ""
-        if why := obstacle(base / name):
-            refused.append(why)
+        base, remark = _temporary_base(), ""
+        if problem := reason_unusable(base / name):
+            reasons.append(problem)
             _temporary.append(tempfile.TemporaryDirectory(prefix="drivetool-"))
-            base, how = Path(os.path.realpath(_temporary[-1].name)), ", and compiled anew by every process"
+            base, remark = Path(os.path.realpath(_temporary[-1].name)), ", and compiled anew by every process"
             (base / name).mkdir(PRIVATE)
     except OSError as error:
-        raise DriveToolError("a folder for the kernel's machine code", "; ".join([*refused, str(error)]),
+        raise DriveToolError("a folder for the kernel's machine code", "; ".join([*reasons, str(error)]),
                              "Set NUMBA_CACHE_DIR to a folder that you alone can write to.") from None
     prune(base / name)
-    warnings.warn(f"the compiled kernel is kept in {base}{how} ({'; '.join(refused)}). Set NUMBA_CACHE_DIR or "
+    warnings.warn(f"the compiled kernel is kept in {base}{remark} ({'; '.join(reasons)}). Set NUMBA_CACHE_DIR or "
                   "XDG_CACHE_HOME to a folder that you alone can write to.", Notice, stacklevel=2)
     return base / name
 
 
-def _places() -> list[Path]:
-    """Folders that keep those of all versions, the best first, without links."""
+def _candidate_folders() -> list[Path]:
+    """Folders that may hold the folders of all versions, the best first, links resolved."""
     chosen = os.environ.get("NUMBA_CACHE_DIR") or SOURCES / "__pycache__"
     home = os.environ.get("XDG_CACHE_HOME") or os.path.join(os.path.expanduser("~"), ".cache")
     bases = [chosen, os.path.join(home, "drivetool")] if os.path.isabs(home) else [chosen]
@@ -130,36 +132,36 @@ def _temporary_base() -> Path:
     return Path(os.path.realpath(tempfile.gettempdir())) / f"drivetool-{user}"
 
 
-def obstacle(place: Path) -> str:
-    """Why a folder cannot keep machine code, empty if it can; made, with those above, where it is missing."""
+def reason_unusable(place: Path) -> str:
+    """Why a folder cannot store machine code, empty if it can; a missing one is created, with its parents."""
     for folder in (*reversed(place.parents), place):
         try:
             if not os.path.lexists(folder):
                 with suppress(FileExistsError):  # another process was faster
                     os.mkdir(folder, PRIVATE)
-            why = _refused(os.lstat(folder), folder == place)
+            problem = _status_problem(os.lstat(folder), folder == place)
         except OSError as error:
-            why = f"cannot be used: {error.strerror}"
-        if why:
-            return f"{folder} {why}"
+            problem = f"cannot be used: {error.strerror}"
+        if problem:
+            return f"{folder} {problem}"
     return "" if os.access(place, os.W_OK | os.X_OK) else f"{place} cannot be written to"
 
 
-def _refused(status: os.stat_result, last: bool) -> str:
-    """What is wrong with a folder of this status; last: it keeps the code itself."""
+def _status_problem(status: os.stat_result, keeps_code: bool) -> str:
+    """Why a folder of this status is unsafe; keeps_code: it stores the code itself."""
     if not stat.S_ISDIR(status.st_mode):
         return "is not a folder"
     if not hasattr(os, "geteuid"):
-        return ""  # there a user's folders are private by their access lists
-    if status.st_uid != os.geteuid() and (last or status.st_uid not in ABOVE_USERS):
+        return ""  # without POSIX owners access lists keep a user's folders private
+    if status.st_uid != os.geteuid() and (keeps_code or status.st_uid not in TRUSTED_OWNERS):
         return "belongs to another user"
-    if status.st_mode & OTHERS_WRITE and (last or not status.st_mode & stat.S_ISVTX):
+    if status.st_mode & OTHERS_WRITE and (keeps_code or not status.st_mode & stat.S_ISVTX):
         return "can be written to by others"
     return ""
 
 
 def read_regular(place: Path) -> bytes | None:
-    """The bytes of a regular file, else None: a link is not followed, a pipe not waited for."""
+    """The bytes of a regular file, else None: links are not followed and pipes not read."""
     how = os.O_RDONLY | sum(getattr(os, flag, 0) for flag in ("O_NOFOLLOW", "O_NONBLOCK", "O_BINARY"))
     with suppress(OSError):
         number = os.open(place, how)
@@ -170,7 +172,7 @@ def read_regular(place: Path) -> bytes | None:
 
 
 def write_whole(place: Path, content: bytes) -> None:
-    """Write a file so that whoever reads it finds all of it or the one before."""
+    """Write a file so that a reader finds all of it or the previous one."""
     number, temporary = tempfile.mkstemp(".part", place.name, place.parent)
     try:
         with os.fdopen(number, "wb") as file:
@@ -183,35 +185,35 @@ def write_whole(place: Path, content: bytes) -> None:
 
 
 def prune(used: Path) -> None:
-    """Mark the folder of this version as ours and in use, and remove those of versions long gone beside it.
+    """Mark the folder of this version as in use, and remove old folders of other versions next to it.
 
     Another process may do the same, or still run an older version: that is no error.
     """
     with suppress(OSError):
-        if not _marked(used):
-            write_whole(used / MARKER, MARK)
+        if not _has_marker(used):
+            write_whole(used / MARKER, MARKER_CONTENT)
         os.utime(used)
-        others = [(f.lstat().st_mtime, f) for f in used.parent.glob("kernel-*") if f != used and _marked(f)]
-        for when, other in sorted(others, reverse=True)[KEPT:]:
-            if when < time.time() - DAY:
+        others = [(f.lstat().st_mtime, f) for f in used.parent.glob("kernel-*") if f != used and _has_marker(f)]
+        for when, other in sorted(others, reverse=True)[MAX_OLD_FOLDERS:]:
+            if when < time.time() - RECENT_USE:
                 _remove(other)
 
 
-def _marked(folder: Path) -> bool:
-    """Whether it is a folder of the user's, no link to one, that this tool has made."""
+def _has_marker(folder: Path) -> bool:
+    """Whether it is a folder of the user's, no link to one, that this tool has created."""
     with suppress(OSError):
         marker = folder / MARKER
-        return (not _refused(folder.lstat(), True) and stat.S_ISREG(marker.lstat().st_mode)
-                and marker.read_bytes() == MARK)
+        return (not _status_problem(folder.lstat(), True) and stat.S_ISREG(marker.lstat().st_mode)
+                and marker.read_bytes() == MARKER_CONTENT)
     return False
 
 
 def _remove(folder: Path) -> None:
-    """Remove a folder with what is ours in it; one that holds anything else stays, with that and the marker."""
-    inner = [f for kind in OF_NUMBA for f in folder.glob(kind) if stat.S_ISDIR(f.lstat().st_mode)]
+    """Remove this tool's files and then the folder; it stays, with its marker, if it holds other files."""
+    inner = [f for kind in NUMBA_FOLDERS for f in folder.glob(kind) if stat.S_ISDIR(f.lstat().st_mode)]
     for place in (*inner, folder):
         for file in list(place.iterdir()):
-            if any(fnmatch.fnmatch(file.name, kind) for kind in OURS) and stat.S_ISREG(file.lstat().st_mode):
+            if any(fnmatch.fnmatch(file.name, kind) for kind in OWN_FILES) and stat.S_ISREG(file.lstat().st_mode):
                 file.unlink(missing_ok=True)
         if place in inner and not any(place.iterdir()):
             place.rmdir()

@@ -1,4 +1,4 @@
-"""How the functions of the kernel are compiled. Only who compiles them needs this: see machine_code.py."""
+"""How the functions of the kernel are compiled. Only the compiling process imports this: see machine_code.py."""
 
 from __future__ import annotations
 
@@ -11,23 +11,23 @@ from numba.extending import intrinsic
 
 from drivetool.drive.compile import numba_private as private
 
-# The kernel allocates nothing, so it does without reference counts: counting every array at
-# every call cost ten times the arithmetic. What runs every sample is inlined (HOT).
-PLAIN = {"nogil": True, "fastmath": {"contract", "nsz"}, "error_model": "numpy", **private.NO_COUNTS}
-COMPILE = {**PLAIN, **private.NO_WRAPPERS}
-HOT = {**COMPILE, **private.INLINE}
-# The same where no array that is written overlaps another argument: else the compiler tests for that
-# at every call, and takes vectors only for loops so long that the test pays.
-APART = {**HOT, "pipeline_class": private.Apart}
-LAW = numba.njit(**COMPILE)  # how an effect compiles its smooth law
+# The kernel allocates nothing, so it needs no reference counts: counting every array at every call cost ten times
+# the arithmetic. Functions that run every sample are inlined (INLINED).
+BASE_OPTIONS = {
+    "nogil": True, "fastmath": {"contract", "nsz"}, "error_model": "numpy", **private.NO_REFERENCE_COUNTS}
+COMPILE = {**BASE_OPTIONS, **private.NO_WRAPPERS}
+INLINED = {**COMPILE, **private.INLINE}
+# The same where no written array overlaps another argument. Otherwise the compiler tests for overlap at every call,
+# and vectorises only loops so long that the test pays.
+NO_OVERLAP = {**INLINED, "pipeline_class": private.NoOverlap}
+COMPILE_LAW = numba.njit(**COMPILE)  # how an effect compiles its smooth law
 
 
 def unit(*kinds: types.Type, gives: types.Type = types.none) -> Callable:
-    """Compile a function by itself, and only when its address is asked for.
+    """Compile a function separately, and only when its address is requested.
 
-    What compiled code calls in the usual way Numba compiles once more into every caller, and with
-    that again into the caller's callers: a minute for a deep tree of functions. A unit is called
-    by its address, which travels in a table: `unit_function(address, arguments ...)`.
+    Numba compiles an ordinary callee into every caller, and again into the callers of that: a minute for a deep
+    tree of functions. A unit is called by its address, passed in a table: `unit_function(address, arguments ...)`.
 
     kinds  Numba types of the arguments
     gives  that of the result
@@ -39,12 +39,12 @@ def unit(*kinds: types.Type, gives: types.Type = types.none) -> Callable:
                 numbers = [private.value_type(context, k) for k in kinds]
                 kind = ir.FunctionType(private.value_type(context, gives), numbers)
                 function = builder.inttoptr(values[0], kind.as_pointer())
-                result = builder.call(function, private.numbers_of(builder, values[1]))
-                return private.nothing(context) if gives is types.none else result
+                result = builder.call(function, private.tuple_members(builder, values[1]))
+                return private.none_value(context) if gives is types.none else result
 
             return gives(types.int64, types.StarArgTuple(kinds)), code
 
-        call.made = lambda: numba.cfunc(gives(*kinds), **PLAIN)(function)
+        call.made = lambda: numba.cfunc(gives(*kinds), **BASE_OPTIONS)(function)
         call.home = function.__module__
         return call
 

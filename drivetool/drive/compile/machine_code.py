@@ -1,6 +1,6 @@
-"""The machine code of the kernel: compiled once, kept in a folder, and loaded without the compiler.
+"""The machine code of the kernel: compiled once, stored in a folder, and loaded without the compiler.
 
-To load the compiler, and what it keeps by itself, takes longer than most fits do.
+Loading the compiler and its own cache takes longer than most fits.
 """
 
 from __future__ import annotations
@@ -20,19 +20,19 @@ from pathlib import Path
 
 from llvmlite import binding as llvm
 
-from drivetool.drive.arrays import MADE_FOR, MOST_LAWS, MOST_STATES
+from drivetool.drive.arrays import MADE_FOR, MAX_SIZED_LAWS, MOST_STATES
 from drivetool.drive.compile.code_folder import PRIVATE, folder, read_regular, write_whole
 from drivetool.errors import DriveToolError
 from drivetool.progress import counted
 
 KERNEL = "drivetool.drive.kernel"  # where the files of the parts are, and `build`, which compiles them
 
-# The parts, file and name: the first group that has a part which is needed is compiled as far as it is not whole
-# yet, what stands in one line one after the other, for it has much in common, and the lines beside one another.
-# Two lines, for a third on two cores keeps one of them from the longest.
-STEP = ("events.rough_step", "modes.work_out")
+# The parts, as file.name. If a part is needed, the missing parts of the first group that contains it are compiled.
+# The parts of one line share much code and are compiled in sequence by one process; the lines run in parallel.
+# A choice: with three lines on two cores the longest one would wait.
+STEP_UNITS = ("events.rough_step", "modes.work_out")
 GROUPS = (
-    *(((f"run.run{size}", f"filter.kalman{size}"), STEP) for size in ("", *(f"_{n}" for n in MADE_FOR))),
+    *(((f"run.run{size}", f"filter.kalman{size}"), STEP_UNITS) for size in ("", *(f"_{n}" for n in MADE_FOR))),
     (("run.run_laws", "smooth.law_motion", "smooth.law_columns", "smooth_events.law_rough_step",
       "smooth_events.show"),
      ("filter.kalman_laws", "filter.spread", "filter.join", "smooth.law_transition", "laws.law_torque",
@@ -41,12 +41,12 @@ GROUPS = (
     *(((f"filter.spread_{n}", f"filter.join_{n}"),) for n in MADE_FOR),
     *(((f"smooth_sized.law_columns_{n}_{nl}",),
        (f"smooth_sized.law_motion_{n}_{nl}", f"smooth_sized.law_transition_{n}_{nl}"))
-      for n in range(1, MOST_STATES + 1) for nl in range(1, MOST_LAWS + 1)),
+      for n in range(1, MOST_STATES + 1) for nl in range(1, MAX_SIZED_LAWS + 1)),
 )
 # Arguments of the parts that Python calls: tables, then numbers.
-NUMBERS = {"run": 1, "kalman": 2}
-DIGEST = hashlib.sha256().digest_size
-AT_ONCE = min(os.cpu_count() or 1, 4)  # compilers beside one another; each takes up to 400 MB
+NUMBER_ARGUMENTS = {"run": 1, "kalman": 2}
+DIGEST = hashlib.sha256().digest_size  # length of the digest [bytes]
+MAX_COMPILERS = min(os.cpu_count() or 1, 4)  # compilers in parallel; each takes up to 400 MB
 
 _lock = threading.Lock()
 
@@ -59,12 +59,12 @@ def prepare(names: Iterable[str] | None = None) -> None:
     """
     groups = GROUPS if names is None else [_group_of(name) for name in names]
     lines = dict.fromkeys(line for group in groups for line in group)
-    if not _missing(lines):
+    if not _parts_to_compile(lines):
         return
-    folder().mkdir(PRIVATE, parents=True, exist_ok=True)  # whoever clears caches may have removed it meanwhile
-    with only_here():
-        missing = _missing(lines)  # another process may have compiled them meanwhile
-        with ThreadPoolExecutor(AT_ONCE) as pool:
+    folder().mkdir(PRIVATE, parents=True, exist_ok=True)  # a cache cleaner may have removed it meanwhile
+    with single_compiler():
+        missing = _parts_to_compile(lines)  # another process may have compiled them meanwhile
+        with ThreadPoolExecutor(MAX_COMPILERS) as pool:
             for _ in counted("first use: the kernel is compiled", pool.map(_compile, missing), len(missing)):
                 pass
 
@@ -73,18 +73,18 @@ def _group_of(name: str) -> tuple[tuple[str, ...], ...]:
     return next(g for g in GROUPS if any(part.endswith(f".{name}") for line in g for part in line))
 
 
-def _missing(lines: Iterable[tuple[str, ...]]) -> list[list[str]]:
-    """What of each line is to be compiled, every part once."""
+def _parts_to_compile(lines: Iterable[tuple[str, ...]]) -> list[list[str]]:
+    """The parts of each line that must be compiled, every part once."""
     seen, found = set(), []
     for line in lines:
-        found.append([part for part in line if part not in seen and whole(part.partition(".")[2]) is None])
+        found.append([part for part in line if part not in seen and intact_code(part.partition(".")[2]) is None])
         seen.update(line)
     return [line for line in found if line]
 
 
 def _compile(parts: list[str]) -> None:
     """Compile parts in a process of their own."""
-    # From the current folder Python imports first, and Numba takes settings: it is one that holds neither.
+    # Python imports, and Numba reads settings, from the current folder first: this one has neither.
     done = subprocess.run([sys.executable, "-m", f"{KERNEL}.build", str(folder()), *parts],
                           capture_output=True, text=True, env=_environment(), cwd=folder())
     if done.returncode != 0:
@@ -94,10 +94,10 @@ def _compile(parts: list[str]) -> None:
 
 
 @contextmanager
-def only_here() -> Iterator[None]:
-    """Of processes that start together one compiles, and the others find it done.
+def single_compiler() -> Iterator[None]:
+    """Lock, so that of several starting processes one compiles and the others use the result.
 
-    Where files cannot be locked each does it for itself, which does no harm.
+    Where files cannot be locked each process compiles for itself, which is harmless.
     """
     with ExitStack() as stack:
         with suppress(ImportError, OSError):
@@ -108,9 +108,9 @@ def only_here() -> Iterator[None]:
 
 
 def _environment() -> dict[str, str]:
-    """This process's, with the places it imports from, and nothing by which the code of a part could differ.
+    """This process's environment with its import path, and without settings that change the code of a part.
 
-    Some of Numba's settings change code, and it writes names in the order of sets, which Python's seed decides.
+    Some of Numba's settings change code, and Numba orders names by sets, which depend on Python's hash seed.
     """
     plain = {name: value for name, value in os.environ.items() if not name.startswith("NUMBA_")}
     return {**plain, "PYTHONHASHSEED": "0", "PYTHONPATH": os.pathsep.join(map(os.path.abspath, sys.path))}
@@ -128,19 +128,19 @@ _addresses: dict[str, int] = {}
 
 
 def address(name: str) -> int:
-    """Where a part of the kernel lies in memory; compiled with its group if it has not been yet."""
+    """Address of a part of the kernel in memory; compiled with its group if it has not been yet."""
     if name not in _addresses:
         with _lock:
             if name not in _addresses:
-                _addresses[name] = _loaded(name)
+                _addresses[name] = _load(name)
     return _addresses[name]
 
 
-def _loaded(name: str) -> int:
-    code = whole(name)
+def _load(name: str) -> int:
+    code = intact_code(name)
     if code is None:
         prepare([name])
-        code = whole(name)
+        code = intact_code(name)
     if code is None:
         raise DriveToolError(f"the machine code of {name} in {folder()}", "a damaged file as soon as it is written",
                              "Is the disk sound? Set NUMBA_CACHE_DIR to a folder on another.")
@@ -151,41 +151,41 @@ def _loaded(name: str) -> int:
 
 
 def object_file(name: str) -> Path:
-    """Where the machine code of a part is kept: the object file, and a digest behind it."""
+    """File with the machine code of a part: the object file, then a digest."""
     return folder() / f"{name}.o"
 
 
 def store(place: Path, name: str, code: bytes) -> None:
-    """Keep the machine code of a part in a folder, as a whole or not at all."""
+    """Store the machine code of a part in a folder, completely or not at all."""
     file = place / f"{name}.o"
-    if file.is_dir() and not file.is_symlink():  # not ours: it is moved out of the way
+    if file.is_dir() and not file.is_symlink():  # not this tool's: it is moved aside
         os.replace(file, tempfile.mkdtemp(prefix=f"{file.name}-", dir=place))
     write_whole(file, code + _digest(place, name, code))
 
 
-def whole(name: str) -> bytes | None:
-    """The machine code of a part; None if it is missing, damaged, or another's."""
-    kept = read_regular(object_file(name))
-    if kept is None:
+def intact_code(name: str) -> bytes | None:
+    """The machine code of a part; None if it is missing, damaged, or of another part."""
+    content = read_regular(object_file(name))
+    if content is None:
         return None
-    code, digest = kept[:-DIGEST], kept[-DIGEST:]
+    code, digest = content[:-DIGEST], content[-DIGEST:]
     return code if digest == _digest(folder(), name, code) else None
 
 
 def _digest(place: Path, name: str, code: bytes) -> bytes:
-    """Of the code and what it is: a file of another part, or of another version's folder, is not whole either."""
+    """Digest of the code, its name and folder: a file of another part or version does not pass either."""
     return hashlib.sha256(f"{place.name}/{name}\n".encode() + code).digest()
 
 
 def symbol(name: str) -> str:
-    """What a part is called in its object file."""
+    """Name of a part in its object file."""
     return f"drivetool_{name}"
 
 
 @cache
 def function(name: str):
-    """A part that Python calls, with addresses of tables first and numbers then; other threads go on meanwhile."""
-    kind, _, made_for = name.partition("_")
-    tables, numbers = (4 if made_for == "laws" else 3), NUMBERS[kind]
+    """A part that Python calls with addresses of tables, then numbers; other threads run meanwhile."""
+    kind, _, variant = name.partition("_")
+    tables, numbers = (4 if variant == "laws" else 3), NUMBER_ARGUMENTS[kind]
     kinds = [ctypes.c_void_p] * tables + [ctypes.c_double] * numbers
     return ctypes.CFUNCTYPE(ctypes.c_int64, *kinds)(address(name))

@@ -1,7 +1,7 @@
-"""All that the kernel takes from Numba beyond its documented interface.
+"""All that the kernel uses of Numba beyond its documented interface.
 
 No other file imports from numba.core or numba.np, or calls a method of Numba's contexts. A version of Numba may
-change any of this without notice: a test names each, and the bounds in pyproject.toml stand for what it passed.
+change any of this without notice: a test lists each item, and pyproject.toml bounds the versions that passed it.
 """
 
 from __future__ import annotations
@@ -21,15 +21,15 @@ from numba.np.arrayobj import populate_array
 
 from drivetool.drive.compile.code_folder import folder, read_regular, write_whole
 
-__all__ = ["AttributeTemplate"]  # for who describes attributes of a type
+__all__ = ["AttributeTemplate"]  # for modules that describe attributes of a type
 
 # Options of numba.njit that its manual does not list.
-NO_COUNTS = {"_nrt": False}
+NO_REFERENCE_COUNTS = {"_nrt": False}
 NO_WRAPPERS = {"no_cpython_wrapper": True, "no_cfunc_wrapper": True}
 INLINE = {"forceinline": True}
 
 
-class Apart(Compiler):
+class NoOverlap(Compiler):
     """Compiles a function whose arrays do not overlap."""
 
     def __init__(self, typingctx, targetctx, library, args, return_type, flags, locals):
@@ -37,18 +37,18 @@ class Apart(Compiler):
         super().__init__(typingctx, targetctx, library, args, return_type, flags, locals)
 
 
-class Sealed(IndexDataCacheFile):
-    """Compiled code of one function, by signature, in one file behind a digest.
+class DigestCacheFile(IndexDataCacheFile):
+    """Compiled code of one function, by signature, in one file that starts with a digest.
 
-    Numba's own two files are unpickled as they are: damaged ones end the process, or run code of another function.
+    Numba unpickles its own two files unchecked: damaged ones crash the process, or run code of another function.
     """
 
     def flush(self):
         write_whole(self._place(), b"")
 
     def load(self, key):
-        kept = self._entries().get(key)
-        return None if kept is None else pickle.loads(kept)
+        entry = self._entries().get(key)
+        return None if entry is None else pickle.loads(entry)
 
     def save(self, key, data):
         content = pickle.dumps((self._version, self._source_stamp, {**self._entries(), key: self._dump(data)}))
@@ -56,11 +56,11 @@ class Sealed(IndexDataCacheFile):
 
     def _entries(self) -> dict:
         """Empty if the file is missing, damaged, another function's, or of other sources."""
-        kept = read_regular(self._place()) or b""
+        content = read_regular(self._place()) or b""
         size = hashlib.sha256().digest_size
-        if kept[:size] != self._digest(kept[size:]):
+        if content[:size] != self._digest(content[size:]):
             return {}
-        version, stamp, entries = pickle.loads(kept[size:])
+        version, stamp, entries = pickle.loads(content[size:])
         return entries if (version, stamp) == (self._version, self._source_stamp) else {}
 
     def _digest(self, content: bytes) -> bytes:
@@ -70,23 +70,24 @@ class Sealed(IndexDataCacheFile):
         return Path(self._index_path).with_suffix(".code")
 
 
-def kept_in_folder(function: Callable, **options) -> Callable:
-    """Compile when it is called, and keep the code in the kernel's folder; options as of numba.njit."""
-    chosen, config.CACHE_DIR = config.CACHE_DIR, str(folder())
+def cached_in_folder(function: Callable, **options) -> Callable:
+    """Compile at the first call, and store the code in the kernel's folder; options as of numba.njit."""
+    setting, config.CACHE_DIR = config.CACHE_DIR, str(folder())
     try:
-        kept = FunctionCache(function)
+        cache = FunctionCache(function)
     finally:
-        config.CACHE_DIR = chosen
-    kept._cache_file = Sealed(kept._cache_path, kept._impl.filename_base, kept._impl.locator.get_source_stamp())
+        config.CACHE_DIR = setting
+    cache._cache_file = DigestCacheFile(
+        cache._cache_path, cache._impl.filename_base, cache._impl.locator.get_source_stamp())
     compiled = njit(**options)(function)
-    compiled._cache = kept
+    compiled._cache = cache
     return compiled
 
 
-def leave_to_the_end() -> None:
-    """Let Numba neither optimise nor make machine code function by function: that takes half of the time.
+def defer_code_generation() -> None:
+    """Skip Numba's optimisation and code generation of each function, which take half of the time.
 
-    It is done once for a whole part, by build.py. Nothing that is compiled after this runs in this process.
+    build.py does both once for a whole part. Nothing that is compiled after this runs in this process.
     """
     codegen.CPUCodeLibrary._optimize_final_module = lambda library: None
     codegen.JITCodeLibrary._finalize_specific = lambda library: None
@@ -95,16 +96,16 @@ def leave_to_the_end() -> None:
 
 
 def value_type(context, kind: types.Type) -> ir.Type:
-    """What LLVM calls values of this type."""
+    """The LLVM type of values of this type."""
     return context.get_value_type(kind)
 
 
-def nothing(context):
+def none_value(context):
     """The value None."""
     return context.get_dummy_value()
 
 
-def numbers_of(builder: ir.IRBuilder, values) -> list:
+def tuple_members(builder: ir.IRBuilder, values) -> list:
     """The members of a tuple."""
     return cgutils.unpack_tuple(builder, values)
 
@@ -114,7 +115,7 @@ def tuple_of(context, builder: ir.IRBuilder, kind: types.Type, values: Sequence)
     return context.make_tuple(builder, kind, values)
 
 
-def first_number(context, builder: ir.IRBuilder, kind: types.Array, array):
+def data_pointer(context, builder: ir.IRBuilder, kind: types.Array, array):
     """The address of an array's first number."""
     return context.make_array(kind)(context, builder, array).data
 
@@ -126,7 +127,7 @@ def shape_of(context, builder: ir.IRBuilder, kind: types.Array, array):
 
 def array_of(context, builder: ir.IRBuilder, kind: types.Array, place, shape: Sequence, strides: Sequence,
              item_bytes: int):
-    """The array that lies at a place, an integer; shape in numbers, strides in bytes."""
+    """The array at an address, an integer; shape in numbers, strides in bytes."""
     array = context.make_array(kind)(context, builder)
     populate_array(array, builder.inttoptr(place, array.data.type), shape, strides, item_bytes, None)
     return array._getvalue()

@@ -45,7 +45,7 @@ def _member(context, builder, pointer, value, name):
     words = builder.bitcast(value, ir.IntType(64).as_pointer())
 
     def word(i):
-        # A table does not change while compiled code runs: what was read once need not be again.
+        # A table does not change while compiled code runs: one read is enough.
         read = builder.load(builder.gep(words, [ir.Constant(ir.IntType(64), at + i)]))
         read.set_metadata("invariant.load", builder.module.add_metadata([]))
         return read

@@ -1,7 +1,7 @@
 """The catalogue of physical effects, one file each.
 
-An effect says its parameters, its law, its source and what shows it. It stamps its law into the equations that are
-assembled.
+An effect declares its parameters, its law, its source and the data that identifies it. It stamps its law into the
+assembled equations.
 """
 
 import lazy_loader

@@ -13,6 +13,12 @@ from .induction import (
     mean_torque as mean_torque,
     steady_torque as steady_torque,
 )
-from .load_step import RECORDS as RECORDS, STEPS as STEPS, TIMES as TIMES, TORQUES as TORQUES, felt_in as felt_in
-from .ripple import KINDS as KINDS, RIPPLES as RIPPLES
+from .load_step import (
+    STEP_NAMES as STEP_NAMES,
+    STEP_RECORDS as STEP_RECORDS,
+    STEP_TIMES as STEP_TIMES,
+    STEP_TORQUES as STEP_TORQUES,
+    values_in_record as values_in_record,
+)
+from .ripple import RIPPLE_QUANTITIES as RIPPLE_QUANTITIES, RIPPLES as RIPPLES
 from .torque_constant import NAME as NAME

@@ -1,6 +1,6 @@
 """Inertia that was added to a body and is known: a disc, a tool, a part on the table.
 
-A change of known size between recordings tells what a single one leaves open: the scale of all torques.
+A change of known size between recordings identifies what a single one cannot: the scale of all torques.
 """
 
 from drivetool.drive.effects.effect import Effect
@@ -8,7 +8,7 @@ from drivetool.quantity import Quantity
 
 
 def stamp(assembly, body):
-    """So much more to accelerate."""
+    """Add the known inertia to that of the body."""
     if assembly.acts(body, "added_inertia"):
         assembly.carry(body, assembly.of_body(body, "added_inertia"))
 

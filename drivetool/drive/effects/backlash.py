@@ -1,4 +1,4 @@
-"""Backlash: the shaft carries no torque until its ends have met.
+"""Backlash: the shaft carries no torque until its ends are in contact.
 
 Two published forms. "inside" (Tallfors 2005, 5.17): the dead zone acts on twist plus damping, so
 the torque is continuous and never pulls. "always" (chapter 6): the dead zone acts on the twist

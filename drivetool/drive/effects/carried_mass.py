@@ -5,7 +5,7 @@ from drivetool.quantity import Quantity
 
 
 def stamp(assembly, body):
-    """m r^2 more to accelerate."""
+    """Add m r^2 to the inertia."""
     if assembly.acts(body, "carried_mass"):
         radius = assembly.of_body(body, "radius")
         assembly.carry(body, assembly.of_body(body, "carried_mass") * radius * radius)

@@ -65,8 +65,8 @@ EFFECTS: tuple[Effect, ...] = (
     induction.EFFECT,
 )
 
-# The smooth laws by the names under which they are stamped; the kernel knows them by their place. Each gives its
-# torque, the derivatives over both its arguments, and those over its parameters.
+# The smooth laws by the names under which they are stamped; the kernel uses their position. Each gives its torque
+# and the derivatives over both its arguments and over its parameters.
 LAW_TORQUES: Mapping[str, Callable] = {
     "stribeck": stribeck.torque,
     "breakaway": breakaway.torque,

@@ -1,21 +1,21 @@
 """A clamped body: held at standstill from outside while a recording is made, as by a brake or a fixture.
 
-What is left to move swings against it: the record tells the inertias and shafts that move, and nothing beyond.
+The other bodies oscillate against it: the record identifies the inertias and shafts that move, and no others.
 """
 
 from drivetool.drive.effects.effect import Effect
 from drivetool.quantity import Quantity
 
-# Inertia of the clamp, in the drive's own unit. A torque of 1e6 moves it by 1e-4 of a unit in a minute; an inertia
-# of 1e3 beside it keeps seven digits more than a recording has.
-FIXTURE = 1e14
+# Inertia of the clamp, in the drive's own unit. A torque of 1e6 moves it by less than 1e-4 of a unit in a minute. A
+# larger one would cost digits of the other inertias: 1e3 next to it keeps seven more than a recording has.
+CLAMP_INERTIA = 1e14
 
 
 def stamp(assembly, body):
-    """As heavy as what it is fixed to."""
+    """Add the inertia of the fixture."""
     clamped = assembly.of_body(body, "clamped")
     if clamped.v != 0.0:
-        assembly.carry(body, clamped * FIXTURE)
+        assembly.carry(body, clamped * CLAMP_INERTIA)
 
 
 EFFECT = Effect(

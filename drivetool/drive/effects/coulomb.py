@@ -13,9 +13,9 @@ from drivetool.quantity import Quantity
 def stamp(assembly, body):
     """-Tc sgn(w) on the body; sticking while |sum of the other torques| <= Tc.
 
-    With breakaway friction it is in that curve.
+    With breakaway friction that curve contains it.
     """
-    if assembly.acts(body, "coulomb") and not breakaway.there(assembly, body):
+    if assembly.acts(body, "coulomb") and not breakaway.has_breakaway(assembly, body):
         assembly.friction(body, assembly.of_body(body, "coulomb"))
 
 
@@ -25,7 +25,7 @@ EFFECT = Effect(
     quantities={"coulomb": Quantity("{T}", "Coulomb friction", (0.0, 1e12), 1e-3, 0.0)},
     stamp=stamp,
     law="T = Tc sgn(w); |T| <= Tc at w = 0",
-    needs="motion in both directions; many slow reversals to tell one body from another",
+    needs="motion in both directions; many slow reversals to distinguish the bodies",
     source="Tallfors 2005, ch. 5; Nordin, Galic, Gutman 1997",
     present=("coulomb",),
     friction=("coulomb",),

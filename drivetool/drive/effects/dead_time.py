@@ -16,7 +16,7 @@ EFFECT = Effect(
     quantities={"dead_time": Quantity("s", "dead time", (0.0, 1.0), 1e-4, 0.0)},
     stamp=stamp,
     law="T(t) = u(t - td)",
-    needs="excitation above a third of the sampling rate to tell it from a lag",
+    needs="excitation above a third of the sampling rate to distinguish it from a lag",
     source="Tallfors 2005, (2.3)",
     present=("dead_time",),
 )

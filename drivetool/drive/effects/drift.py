@@ -19,7 +19,7 @@ def torque(w, _, time, side, p, out):
 
 
 def stamp(assembly, body):
-    """Friction above its final value, dying out over the record."""
+    """Friction above its final value, decaying over the record."""
     slides = assembly.acts(body, "drift_coulomb")
     if slides:
         assembly.friction(body, assembly.number(0.0))

@@ -23,7 +23,7 @@ class Effect:
     stamp       adds the law to the equations; called with the assembly and the owner's
                 index (0 for motor, path, sensor and friction)
     law         the equation, in the words of the field
-    needs       what a record must contain to show it
+    needs       what a record must contain to identify it
     source      literature
     present     parameters that must differ from neutral for the effect to act; empty
                 if it always acts

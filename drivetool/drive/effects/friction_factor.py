@@ -14,7 +14,7 @@ EFFECT = Effect(
     quantities={"factor": Quantity("", "factor on the friction of all bodies", (0.0, 1e6), 1.0, 1.0)},
     stamp=stamp,
     law="T = f (Tc sgn(w) + c w + ..)",
-    needs="a recording by which the friction at a factor of one is known, and one of another day",
+    needs="a recording that identifies the friction at a factor of one, and one of another day",
     source="Bittencourt, Gunnarsson 2012, J. Dyn. Sys. Meas. Control 134",
     present=("factor",),
 )

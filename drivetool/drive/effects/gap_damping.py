@@ -1,4 +1,4 @@
-"""Shaft damping that acts in the gap as well: oil between the flanks, or a clutch around the play.
+"""Shaft damping that acts in the gap as well: oil between the flanks, or a clutch parallel to the gap.
 
 With it and no other damping the law is that of Tallfors 2005, chapter 6; without it that of (5.17), whose damping
 is part of the contact. A drive may have both.
@@ -9,7 +9,7 @@ from drivetool.quantity import Quantity
 
 
 def stamp(assembly, shaft):
-    """On top of what damps in contact."""
+    """Added to the damping in contact."""
     if assembly.acts_on_shaft(shaft, "gap_damping"):
         assembly.damp(shaft, assembly.of_shaft(shaft, "gap_damping"))
 

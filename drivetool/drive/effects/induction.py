@@ -2,10 +2,10 @@
 
 Equations of the two-axis model in a frame that turns at a chosen frequency, as space vectors (peak values):
 p_s' = u - Rs i_s - j we p_s, p_r' = -Rr i_r - j (we - p w) p_r, T = 1.5 p Im(conj(p_s) i_s). In a frame at the
-frequency of the supply a steady voltage stands still, so that samples that are held miss nothing of it.
+frequency of the supply a steady voltage is constant, so that held samples represent it exactly.
 
 The printed equations (11) and (13) of the source have the wrong sign before the terms in we: as printed, the
-fluxes run away.
+fluxes are unstable.
 """
 
 from __future__ import annotations
@@ -19,12 +19,12 @@ from drivetool.quantity import Quantity
 
 FLUXES = ("stator_flux_d", "stator_flux_q", "rotor_flux_d", "rotor_flux_q")
 VOLTAGES = ("stator_voltage_d", "stator_voltage_q")
-MOST_PAIRS = 12  # of poles, of motors that are built
-PHASES = 1.5  # power of three phases over that of their space vector of peak values
+MAX_POLE_PAIRS = 12  # a choice: motors that are built have no more
+VECTOR_POWER_SCALE = 1.5  # power of three phases over the product of their space vectors of peak values
 
 
 def torque(a, b, time, side, p, out):
-    """p[0] a b: a torque of two fluxes, or a voltage that the turning rotor induces."""
+    """p[0] a b: a torque of two fluxes, or a voltage that the rotating rotor induces."""
     out[0] = p[0, 0] * a * b
     out[1], out[2], out[3] = p[0, 0] * b, p[0, 0] * a, a * b
 
@@ -38,7 +38,7 @@ class Currents(NamedTuple):
 
 
 def currents(leakage, magnetizing) -> Currents:
-    """From the whole leakage inductance, of which stator and rotor have a half each, and the common one [H]."""
+    """From the total leakage inductance, half at the stator, half at the rotor, and the magnetizing one [H]."""
     side = 0.5 * leakage + magnetizing
     determinant = side * side - magnetizing * magnetizing
     return Currents(side / determinant, side / determinant, magnetizing / determinant)
@@ -62,7 +62,7 @@ def stamp(assembly, _motor):
             assembly.torque(stator[axis], assembly.nx + assembly.layout.inputs.index(VOLTAGES[axis]), one)
         speed, pairs = {assembly.speed(0): one}, own["pole_pairs"]
         assembly.law("product", [-sign * pairs], speed, {rotor[other]: one}, body=rotor[axis])
-        strength = sign * PHASES * pairs * of.mutual
+        strength = sign * VECTOR_POWER_SCALE * pairs * of.mutual
         assembly.law("product", [strength], {stator[other]: one}, {rotor[axis]: one}, body=0)
 
 
@@ -76,8 +76,8 @@ EFFECT = Effect(
         "leakage_inductance": Quantity("H", "leakage inductance of stator and rotor together", (1e-9, 1e6), 0.01,
                                        0.01),
         "magnetizing_inductance": Quantity("H", "magnetizing inductance of a phase", (0.0, 1e6), 0.1, 0.0),
-        "pole_pairs": Quantity("", "pole pairs of the motor", (1.0, MOST_PAIRS), 1.0, 1.0,
-                               tuple(map(float, range(1, MOST_PAIRS + 1)))),
+        "pole_pairs": Quantity("", "pole pairs of the motor", (1.0, MAX_POLE_PAIRS), 1.0, 1.0,
+                               tuple(map(float, range(1, MAX_POLE_PAIRS + 1)))),
         "supply_frequency": Quantity("Hz", "frequency of the frame that the voltages are given in",
                                      (0.0, 1e4), 50.0, 0.0),
     },
@@ -87,11 +87,11 @@ EFFECT = Effect(
     source="Mechanical Parameter Estimation of an Induction Motor for a Digital Twin Using Coast-Down Data, "
            "eqs. (10)-(16), signs corrected; Krause 1986, Analysis of Electric Machinery",
     present=("magnetizing_inductance",),
-    odd=False,  # its field turns one way
+    odd=False,  # its field rotates in one direction
 )
 
 
-def flux_flow(drive, speed: float) -> np.ndarray:
+def flux_dynamics(drive, speed: float) -> np.ndarray:
     """(2, 2) complex: rates of stator and rotor flux over both, at a speed [rad/s], in the drive's frame.
 
     raises  BadParameters: a value is missing
@@ -109,20 +109,20 @@ def steady_torque(drive, amplitude: float, speed: float) -> float:
 
     source  the solved flux equations; equal to that of the equivalent circuit
     """
-    stator, rotor = np.linalg.solve(flux_flow(drive, speed), [-amplitude, 0.0])
+    stator, rotor = np.linalg.solve(flux_dynamics(drive, speed), [-amplitude, 0.0])
     mutual = currents(drive.value("motor.leakage_inductance"), drive.value("motor.magnetizing_inductance")).mutual
-    return float(PHASES * drive.value("motor.pole_pairs") * mutual * np.imag(np.conj(rotor) * stator))
+    return float(VECTOR_POWER_SCALE * drive.value("motor.pole_pairs") * mutual * np.imag(np.conj(rotor) * stator))
 
 
 def mean_torque(drive, voltage: np.ndarray, speed: np.ndarray, step: float) -> float:
-    """Mean torque [Nm] over a record that begins without flux, roughly: by the trapezoidal rule.
+    """Mean torque [Nm] over a record that starts without flux, approximated by the trapezoidal rule.
 
     voltage  (n,) complex [V]; speed (n,) [rad/s]; step: sample interval [s]
     """
     flux, total = np.zeros(2, complex), 0.0
     mutual = currents(drive.value("motor.leakage_inductance"), drive.value("motor.magnetizing_inductance")).mutual
     for u, w in zip(voltage, speed, strict=True):
-        half = 0.5 * step * flux_flow(drive, w)
+        half = 0.5 * step * flux_dynamics(drive, w)
         flux = np.linalg.solve(np.eye(2) - half, flux + half @ flux + [step * u, 0.0])
         total += float(np.imag(np.conj(flux[1]) * flux[0]))
-    return PHASES * drive.value("motor.pole_pairs") * mutual * total / len(voltage)
+    return VECTOR_POWER_SCALE * drive.value("motor.pole_pairs") * mutual * total / len(voltage)

@@ -1,4 +1,4 @@
-"""How the logged torque goes on between its samples: held, or along a straight line."""
+"""The logged torque between its samples: held, or linearly interpolated."""
 
 from drivetool.drive.effects.effect import Effect
 from drivetool.quantity import Quantity

@@ -1,12 +1,12 @@
-"""Load torques that set in or end, each at an instant nobody logged: a strip in the mill, a part on the table."""
+"""Load torques that start or end, each at an instant that is not logged: a strip in the mill, a part on a table."""
 
 from collections.abc import Mapping
 
 from drivetool.drive.effects.effect import Effect
 from drivetool.quantity import Quantity
 
-NEVER = 1e6  # s, the upper bound of the instant
-STEPS = ("step", "step2", "step3", "step4")  # that a drive may have
+NEVER = 1e6  # s, the upper bound of the instant; a choice: 11 days, longer than a recording
+STEP_NAMES = ("step", "step2", "step3", "step4")  # that a drive may have
 
 
 def torque(_, __, time, side, p, out):
@@ -19,46 +19,47 @@ def torque(_, __, time, side, p, out):
 
 
 def stamp(assembly, body):
-    """On the body that they act on, which need not be the last once a third mass is found behind it."""
-    for step in STEPS:
+    """On the body that they act on, which is not the last if a third mass has been found behind it."""
+    for step in STEP_NAMES:
         if assembly.acts(body, f"{step}_torque"):
             parameters = [assembly.of_body(body, f"{step}_{what}") for what in ("torque", "time")]
             assembly.law("load-step", [*parameters, assembly.number(2.0 * assembly.layout.step)], {}, body=body)
 
 
-def only_in(values: Mapping[str, float]) -> bool:
-    """Whether a load sets in in one record only."""
-    return any(n.endswith(RECORDS) and v > 0.0 for n, v in values.items())
+def has_record_steps(values: Mapping[str, float]) -> bool:
+    """Whether a load step belongs to one record only."""
+    return any(n.endswith(STEP_RECORDS) and v > 0.0 for n, v in values.items())
 
 
-def felt_in(values: Mapping[str, float], record: int) -> Mapping[str, float]:
-    """The parameters as they are in the record of that number: a load that sets in elsewhere never does here."""
+def values_in_record(values: Mapping[str, float], record: int) -> Mapping[str, float]:
+    """The parameters in the record of that number: a load step of another record never occurs in it."""
     never = {n.replace("_record", "_time"): NEVER for n, v in values.items()
-             if n.endswith(RECORDS) and v not in (0.0, record)}
+             if n.endswith(STEP_RECORDS) and v not in (0.0, record)}
     return {**values, **never}
 
 
-def _named(what: str) -> tuple[str, ...]:
-    """A parameter of every step, as names of parameters end."""
-    return tuple(f".{step}_{what}" for step in STEPS)
+def _step_parameters(what: str) -> tuple[str, ...]:
+    """Suffixes of one parameter of every step."""
+    return tuple(f".{step}_{what}" for step in STEP_NAMES)
 
 
-TORQUES, TIMES, RECORDS = _named("torque"), _named("time"), _named("record")
-KINDS = {
+STEP_TORQUES, STEP_TIMES, STEP_RECORDS = (
+    _step_parameters("torque"), _step_parameters("time"), _step_parameters("record"))
+STEP_QUANTITIES = {
     "torque": Quantity("{T}", "by how much the load torque changes", (-1e12, 1e12), 1e-2, 0.0),
-    "time": Quantity("s", "when it does", (-NEVER, NEVER), 1e-3, 0.0),
-    "record": Quantity("", "the record in which it does, by the CRC-32 of its sha256; 0: in every one",
+    "time": Quantity("s", "when the load torque changes", (-NEVER, NEVER), 1e-3, 0.0),
+    "record": Quantity("", "the record with the change, by the CRC-32 of its sha256; 0: every record",
                        (0.0, 2.0**32), 1.0, 0.0),
 }
 
 EFFECT = Effect(
     code="load-step",
     of="body",
-    quantities={f"{step}_{what}": quantity for step in STEPS for what, quantity in KINDS.items()},
+    quantities={f"{step}_{what}": quantity for step in STEP_NAMES for what, quantity in STEP_QUANTITIES.items()},
     stamp=stamp,
     law="T = A for t > t0",
-    needs="a stretch of motion before and after; a repeated record tells it from a drift",
+    needs="a stretch of motion before and after; a repeated record distinguishes it from a drift",
     source="Basseville, Nikiforov 1993, Detection of Abrupt Changes",
-    present=tuple(name[1:] for name in TORQUES),
+    present=tuple(name[1:] for name in STEP_TORQUES),
     odd=False,
 )

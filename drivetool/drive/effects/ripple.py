@@ -5,8 +5,8 @@ from math import cos, sin
 from drivetool.drive.effects.effect import Effect
 from drivetool.quantity import Quantity
 
-RIPPLES = ("ripple", "ripple2", "ripple3")  # the orders that a drive may have
-KINDS = {
+RIPPLES = ("ripple", "ripple2", "ripple3")  # one name per order; a drive may have three
+RIPPLE_QUANTITIES = {
     "sine": Quantity("{T}", "torque ripple, sine of the angle", (-1e12, 1e12), 1e-3, 0.0),
     "cosine": Quantity("{T}", "torque ripple, cosine of the angle", (-1e12, 1e12), 1e-3, 0.0),
     "order": Quantity("1/{q}", "order of the ripple: periods in 2 pi", (1e-6, 1e6), 1e-3, 1.0),
@@ -25,17 +25,17 @@ def torque(angle, _, time, side, p, out):
 
 
 def stamp(assembly, body):
-    """At the body's own angle: that of the motor, where the tool looks for it."""
+    """At the body's own angle; the tool searches for it at the motor only."""
     for ripple in RIPPLES:
         if assembly.acts(body, f"{ripple}_sine") or assembly.acts(body, f"{ripple}_cosine"):
-            parameters = [assembly.of_body(body, f"{ripple}_{what}") for what in KINDS]
+            parameters = [assembly.of_body(body, f"{ripple}_{what}") for what in RIPPLE_QUANTITIES]
             assembly.law("ripple", parameters, assembly.angle_of(body), body=body)
 
 
 EFFECT = Effect(
     code="torque-ripple",
     of="body",
-    quantities={f"{ripple}_{what}": quantity for ripple in RIPPLES for what, quantity in KINDS.items()},
+    quantities={f"{ripple}_{what}": quantity for ripple in RIPPLES for what, quantity in RIPPLE_QUANTITIES.items()},
     stamp=stamp,
     law="T = a sin(n angle) + b cos(n angle), added to the torque that drives the body",
     needs="motion over many periods of the ripple, slow enough to sample it",

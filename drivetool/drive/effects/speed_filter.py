@@ -23,7 +23,7 @@ EFFECT = Effect(
     },
     stamp=stamp,
     law="dy/dt = wf (w - y); of order 2: y'' + 2 zeta wf y' + wf^2 y = wf^2 w",
-    needs="excitation above a third of the sampling rate, and a second sensor to tell it from an input lag",
+    needs="excitation above a third of the sampling rate, and a second sensor to distinguish it from an input lag",
     source="Franklin, Powell, Workman 1998, Digital Control of Dynamic Systems",
     present=("bandwidth",),
 )

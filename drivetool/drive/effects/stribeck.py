@@ -1,4 +1,4 @@
-"""Stribeck friction: breakaway takes more than sliding does, and the surplus fades with speed."""
+"""Stribeck friction: breakaway takes more torque than sliding, and the surplus decreases with speed."""
 
 from math import exp, log
 
@@ -9,19 +9,19 @@ from drivetool.quantity import Quantity
 def torque(w, _, time, side, p, out):
     """-side Ts exp(-(|w|/ws)^n); Ts, ws, n = p[0..2]."""
     ratio = abs(w) / p[1, 0]
-    lifted = ratio ** p[2, 0]
-    share = -side * exp(-lifted)
+    power = ratio ** p[2, 0]
+    share = -side * exp(-power)
     out[0] = p[0, 0] * share
     out[3] = share
     if ratio == 0.0:
         return
-    out[1] = -p[2, 0] * lifted / w * out[0]
-    out[4] = p[2, 0] * lifted / p[1, 0] * out[0]
-    out[5] = -lifted * log(ratio) * out[0]
+    out[1] = -p[2, 0] * power / w * out[0]
+    out[4] = p[2, 0] * power / p[1, 0] * out[0]
+    out[5] = -power * log(ratio) * out[0]
 
 
 def stamp(assembly, body):
-    """The surplus while the body slides; it holds with Tc + Ts when it sticks."""
+    """The surplus while the body slides; a sticking body is held by up to Tc + Ts."""
     if assembly.acts(body, "stribeck"):
         assembly.friction(body, assembly.number(0.0))
         parameters = [assembly.of_body(body, s) for s in ("stribeck", "stribeck_speed", "stribeck_power")]

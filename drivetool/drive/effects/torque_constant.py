@@ -1,7 +1,7 @@
 """Torque constant: what a motor's torque is over its logged input, a current in A, a voltage in V or a share in %.
 
-Where recordings have been read, inputs are multiplied by its value, so that all that follows sees torques. It acts
-here only while it is another one than that: while it is fitted.
+Recordings are multiplied by its value when they are read, so that everything downstream works with torques. It acts
+here only while it differs from that value: while it is fitted.
 """
 
 from drivetool.drive.effects.effect import Effect
@@ -15,7 +15,7 @@ def stamp(_assembly, _body):
 
 
 def gain(assembly, body):
-    """The torque of a motor over what its input was multiplied by; one while the constant is as it was then."""
+    """The torque constant over the value at which the recording was read; one if it has not changed."""
     name = f"{assembly.drive.bodies[body]}.{NAME}"
     if name not in assembly.drive.values or name not in assembly.drive.constants:
         return assembly.number(1.0)

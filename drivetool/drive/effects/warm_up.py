@@ -1,7 +1,7 @@
 """Friction of all bodies that falls by the same share while the drive warms up.
 
-One oil, one temperature: where only the motor is measured this says which body loses how much, which no
-record could.
+One oil, one temperature: if only the motor is measured, a record cannot identify the loss of each body, and this
+law fixes it.
 """
 
 from drivetool.drive.effects.effect import Effect
@@ -9,14 +9,15 @@ from drivetool.quantity import Quantity
 
 
 def stamp(assembly, _drive):
-    """Every body's friction above its final value, as drift.py has it for one body."""
-    dry, wet, time = (assembly.of_friction(s) for s in ("drift_coulomb", "drift_viscous", "drift_time"))
+    """Friction of every body above its final value; drift.py is the same for one body."""
+    coulomb_share, viscous_share, time = (
+        assembly.of_friction(s) for s in ("drift_coulomb", "drift_viscous", "drift_time"))
     if not (assembly.acts_on_friction("drift_coulomb") or assembly.acts_on_friction("drift_viscous")):
         return
     for body in range(assembly.n):
         slides = assembly.acts(body, "coulomb")
-        level = dry * assembly.of_body(body, "coulomb") if slides else assembly.number(0.0)
-        assembly.law("drift", [level, wet * assembly.of_body(body, "viscous"), time],
+        level = coulomb_share * assembly.of_body(body, "coulomb") if slides else assembly.number(0.0)
+        assembly.law("drift", [level, viscous_share * assembly.of_body(body, "viscous"), time],
                      {assembly.speed(body): assembly.number(1.0)}, body=body, slides=slides)
 
 

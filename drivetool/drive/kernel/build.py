@@ -10,11 +10,11 @@ from pathlib import Path
 
 from llvmlite import binding as llvm
 
-from drivetool.drive.compile import leave_to_the_end, store, symbol
+from drivetool.drive.compile import defer_code_generation, store, symbol
 
-# What Numba's wrapper calls to hand on an exception. The kernel raises none, and where its code is loaded
-# there need be no Numba: to get there is to stop.
-FOREIGN = re.compile(r"^declare ([^@\n]*@(?:numba_|NRT_|Py)\w+\([^\n]*?\))[^)\n]*$", re.MULTILINE)
+# Functions that Numba's wrapper calls to pass on an exception. The kernel raises none, and its code may be loaded
+# without Numba: a call of one of them becomes a trap.
+INTERPRETER_CALLS = re.compile(r"^declare ([^@\n]*@(?:numba_|NRT_|Py)\w+\([^\n]*?\))[^)\n]*$", re.MULTILINE)
 
 
 def build(part: str, folder: Path) -> None:
@@ -22,7 +22,7 @@ def build(part: str, folder: Path) -> None:
     file, name = part.split(".")
     made = getattr(importlib.import_module(f"{__package__}.{file}"), name).made()
     code = made.inspect_llvm().replace(made.native_name, symbol(name))
-    code = FOREIGN.sub(r"define internal \1 {\n  call void @llvm.trap()\n  unreachable\n}", code)
+    code = INTERPRETER_CALLS.sub(r"define internal \1 {\n  call void @llvm.trap()\n  unreachable\n}", code)
     if "declare void @llvm.trap()" not in code:
         code += "\ndeclare void @llvm.trap()\n"
     module, machine = llvm.parse_assembly(code), _machine()
@@ -35,19 +35,19 @@ def build(part: str, folder: Path) -> None:
 
 
 def _machine() -> llvm.TargetMachine:
-    """This processor, with addresses of any length: code and libraries may lie far apart."""
+    """This processor, with addresses of any length: code and libraries may lie far from each other."""
     llvm.initialize_native_target()
     llvm.initialize_native_asmprinter()
     target, features = llvm.Target.from_default_triple(), llvm.get_host_cpu_features().flatten()
     x86 = target.name.startswith("x86")
-    # Columns come in fours: longer vectors would leave a rest to be done number by number.
+    # Columns come in fours: longer vectors would leave a scalar remainder.
     return target.create_target_machine(
         cpu=llvm.get_host_cpu_name(), features=features + ",+prefer-256-bit" if x86 else features, opt=3, jit=True,
         reloc="static" if x86 else "default", codemodel="jitdefault")
 
 
 if __name__ == "__main__":
-    leave_to_the_end()
-    gc.disable()  # all stays until the end of the process
+    defer_code_generation()
+    gc.disable()  # all objects are needed until the process ends
     for part in sys.argv[2:]:
         build(part, Path(sys.argv[1]))

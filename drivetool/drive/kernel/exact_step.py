@@ -1,21 +1,21 @@
 """A part of a sample without events: one product with the exact step matrix of the mode.
 
-The guards of the mode are looked at in its start, its end and instants between. If a contact or a
-friction has left its mode, or may have done so and come back, the step is refused; events.py then
-takes it. Sensitivities have ns columns: nq parameters, nx start states, and at least one spare in
-which the weighted residual is returned, so that one product gives the normal equations.
+The guards of the mode are evaluated at the start, the end and instants between. If a contact or a friction has left
+its mode, or may have left it and returned, the step is rejected and events.py takes it. Sensitivities have ns
+columns: nq parameters, nx start states, and at least one for the weighted residual, so that one product gives the
+normal equations.
 """
 
 from __future__ import annotations
 
 from numba import njit
 
-from drivetool.drive.compile import APART, HOT
+from drivetool.drive.compile import INLINED, NO_OVERLAP
 
 
-@njit(**HOT)
+@njit(**INLINED)
 def guard_values(spring, slip_rows, x, v):
-    """Contact torques and speeds that decide on the mode: v (elements,)."""
+    """Contact torques and speeds that determine the mode: v (elements,)."""
     for g in range(spring.shape[0]):
         v[g] = 0.0
         for j in range(x.size):
@@ -24,11 +24,11 @@ def guard_values(spring, slip_rows, x, v):
         v[spring.shape[0] + f] = x[slip_rows[f]]
 
 
-@njit(**HOT)
+@njit(**INLINED)
 def classify(reach, v, mode):
-    """Set the mode that guard values lie in; returns whether it changed.
+    """Set the mode to which guard values belong; returns whether it changed.
 
-    A body at exactly zero speed sticks for now.
+    A body at exactly zero speed sticks.
     """
     changed = False
     for e in range(mode.size):
@@ -39,7 +39,7 @@ def classify(reach, v, mode):
     return changed
 
 
-@njit(**HOT)
+@njit(**INLINED)
 def row_value(rows, r, x, u, i):
     """rows[r] [x, u[i], 1]."""
     nx, nu = x.size, u.shape[1]
@@ -51,75 +51,75 @@ def row_value(rows, r, x, u, i):
     return v
 
 
-@njit(**HOT)
-def stays(watch, looks, reach, level, k, mode, x, b, u, i):
-    """Whether mode k holds from x to b: guard values at both ends, between, and in dips unseen.
+@njit(**INLINED)
+def mode_holds(guard_rows, guard_instants, reach, level, k, mode, x, b, u, i):
+    """Whether mode k holds from x to b: guard values at both ends, between, and in dips between the instants.
 
-    Between equal instants a curve dips below its lowest value by an eighth of its second
-    difference; twice is allowed.
+    Between equally spaced instants a parabola dips below its lowest value by at most an eighth of its second
+    difference; twice that is required as margin.
     """
     for e in range(mode.size):
-        f, rows = e - reach.shape[0], watch[k, e]
+        f, rows = e - reach.shape[0], guard_rows[k, e]
         digit = mode[e]
         first, last = row_value(rows, 0, x, u, i), row_value(rows, 0, b, u, i)
-        low, high, bend = min(first, last), max(first, last), 0.0
+        low, high, second_difference = min(first, last), max(first, last), 0.0
         before, now = first, first
-        for m in range(1, looks[k] + 1):
+        for m in range(1, guard_instants[k] + 1):
             v = row_value(rows, m, x, u, i)
             low, high = min(low, v), max(high, v)
-            bend = max(bend, abs(v - 2.0 * now + before) if m > 1 else 0.0)
+            second_difference = max(second_difference, abs(v - 2.0 * now + before) if m > 1 else 0.0)
             before, now = now, v
-        bend = max(bend, abs(last - 2.0 * now + before))
+        second_difference = max(second_difference, abs(last - 2.0 * now + before))
         bound = reach[e, 0] if f < 0 else level[f, 0] if digit == 1 else 0.0
-        inside, ahead = bound - max(high, -low), (low if digit == 0 else -high) - bound
-        if (inside if digit == 1 else ahead) < 0.25 * bend:
+        margin_inside, margin_ahead = bound - max(high, -low), (low if digit == 0 else -high) - bound
+        if (margin_inside if digit == 1 else margin_ahead) < 0.25 * second_difference:
             return False
     return True
 
 
-@njit(**HOT)
-def predict(leap, k, x, u, i, b):
-    """b = leap [x, u[i], 1]."""
-    rows = leap[k]
+@njit(**INLINED)
+def predict(phi, k, x, u, i, b):
+    """b = phi [x, u[i], 1]."""
+    rows = phi[k]
     for r in range(x.size):
         b[r] = row_value(rows, r, x, u, i)
 
 
-@njit(**APART)
-def propagate_any(leap, dleap, k, x, u, i, big, rows, t):
-    """First rows of t = leap big + dleap z; columns innermost, so that the compiler makes vectors of them."""
-    nx, nu, nq, ns = x.size, u.shape[1], dleap.shape[3], big.shape[1]
+@njit(**NO_OVERLAP)
+def propagate_rows(phi, dphi, k, x, u, i, sens, rows, t):
+    """First rows of t = phi sens + dphi z; columns innermost, so that the compiler vectorises them."""
+    nx, nu, nq, ns = x.size, u.shape[1], dphi.shape[3], sens.shape[1]
     for r in range(rows):
-        e = leap[k, r, 0]
+        e = phi[k, r, 0]
         for q in range(ns):
-            t[r, q] = e * big[0, q]
+            t[r, q] = e * sens[0, q]
         for j in range(1, nx):
-            e = leap[k, r, j]
+            e = phi[k, r, j]
             for q in range(ns):
-                t[r, q] += e * big[j, q]
+                t[r, q] += e * sens[j, q]
         for q in range(nq):
-            t[r, q] += dleap[k, r, nx + nu, q]
+            t[r, q] += dphi[k, r, nx + nu, q]
         for j in range(nx):
             e = x[j]
             for q in range(nq):
-                t[r, q] += dleap[k, r, j, q] * e
+                t[r, q] += dphi[k, r, j, q] * e
         for j in range(nu):
             e = u[i, j]
             for q in range(nq):
-                t[r, q] += dleap[k, r, nx + j, q] * e
+                t[r, q] += dphi[k, r, nx + j, q] * e
 
 
-@njit(**HOT)
-def propagate(leap, dleap, k, x, u, i, big, t):
-    """big = leap big + dleap z, through the scratch t."""
-    propagate_any(leap, dleap, k, x, u, i, big, x.size, t)
+@njit(**INLINED)
+def propagate(phi, dphi, k, x, u, i, sens, t):
+    """sens = phi sens + dphi z, through the scratch t."""
+    propagate_rows(phi, dphi, k, x, u, i, sens, x.size, t)
     for r in range(x.size):
-        for q in range(big.shape[1]):
-            big[r, q] = t[r, q]
+        for q in range(sens.shape[1]):
+            sens[r, q] = t[r, q]
 
 
-@njit(**HOT)
-def fading(memory):
+@njit(**INLINED)
+def decaying_state(memory):
     """The disturbance state, the only one that decays from sample to sample; -1 if there is none."""
     found = -1
     for r in range(memory.size):
@@ -127,10 +127,10 @@ def fading(memory):
     return found
 
 
-@njit(**HOT)
-def forget(memory, r, x, big):
-    """Let state r decay from one sample to the next, unless r is -1."""
+@njit(**INLINED)
+def decay_state(memory, r, x, sens):
+    """Multiply state r by its decay from one sample to the next, unless r is -1."""
     if r >= 0:
         x[r] *= memory[r]
-        for q in range(big.shape[1]):
-            big[r, q] *= memory[r]
+        for q in range(sens.shape[1]):
+            sens[r, q] *= memory[r]

@@ -7,20 +7,20 @@ from collections.abc import Callable
 import numpy as np
 from numba import njit
 
-from drivetool.drive.compile import COMPILE, HOT, LAW, REAL, REALS, WHOLE, unit
+from drivetool.drive.compile import COMPILE, COMPILE_LAW, INLINED, REAL, REALS, WHOLE, unit
 from drivetool.drive.effects import LAW_TORQUES
 
 
-@njit(**HOT)
+@njit(**INLINED)
 def _no_law(code, a, b, time, side, p, out):
-    """A number that is of no law must not pass for one."""
+    """A number that belongs to no law gives NaN."""
     for j in range(out.size):
         out[j] = np.nan
 
 
 def _branch(number: int, law: Callable, others: Callable) -> Callable:
     """The law if the code is its number, else one of the others."""
-    @njit(**HOT)
+    @njit(**INLINED)
     def choose(code, a, b, time, side, p, out):
         if code == number:
             law(a, b, time, side, p, out)
@@ -30,9 +30,9 @@ def _branch(number: int, law: Callable, others: Callable) -> Callable:
     return choose
 
 
-_chosen = _no_law
+_dispatch = _no_law
 for _number, _torque in reversed(tuple(enumerate(LAW_TORQUES.values()))):
-    _chosen = _branch(_number, LAW(_torque), _chosen)
+    _dispatch = _branch(_number, COMPILE_LAW(_torque), _dispatch)
 
 
 @unit(WHOLE, REAL, REAL, REAL, REAL, REALS[2], REALS[1])
@@ -40,10 +40,10 @@ def law_torque(code, a, b, time, side, p, out):
     """out = torque of a law of LAW_TORQUES, its derivatives over the arguments a and b, and over the parameters."""
     for j in range(out.size):
         out[j] = 0.0
-    _chosen(code, a, b, time, side, p, out)
+    _dispatch(code, a, b, time, side, p, out)
 
 
-@njit(**HOT)
+@njit(**INLINED)
 def side_of(gap, friction, m, mode, gaps):
     """Side on which law m acts in a mode: 1, -1, or 0 where it does not; 1 where it always does."""
     if gap[m] >= 0:
@@ -53,9 +53,9 @@ def side_of(gap, friction, m, mode, gaps):
     return 1.0
 
 
-@njit(**HOT)
-def argument(row, x, first):
-    """An argument of a law, row (nx, 1 + nq), at a state; two masses without a loop."""
+@njit(**INLINED)
+def law_argument(row, x, first):
+    """An argument of a law, row (nx, 1 + nq), at a state; unrolled for two masses."""
     if first == 3:
         return row[0, 0] * x[0] + row[1, 0] * x[1] + row[2, 0] * x[2]
     v = 0.0
@@ -64,7 +64,7 @@ def argument(row, x, first):
     return v
 
 
-@njit(**HOT)
+@njit(**INLINED)
 def law_at(laws, m, x, time, mode, gaps, out):
     """out (3 + PARAMETERS,) of law m at a state."""
     side = side_of(laws.gap, laws.friction, m, mode, gaps)
@@ -72,29 +72,29 @@ def law_at(laws, m, x, time, mode, gaps, out):
         for j in range(out.size):
             out[j] = 0.0
         return
-    a = argument(laws.arguments[m, 0], x, laws.first)
-    b = argument(laws.arguments[m, 1], x, laws.first)
+    a = law_argument(laws.arguments[m, 0], x, laws.first)
+    b = law_argument(laws.arguments[m, 1], x, laws.first)
     if laws.gap[m] >= 0:
-        a -= side * laws.half[m, 0]
+        a -= side * laws.half_gap[m, 0]
     law_torque(laws.torque, laws.code[m], a, b, time, side, laws.parameters[m], out)
 
 
-@njit(**HOT)
-def slope_of(arguments, m, out, slope, first):
+@njit(**INLINED)
+def law_slope(arguments, m, out, slope, first):
     """slope (first,) derivative of law m over the state, from its derivatives over the arguments."""
     for j in range(first):
         slope[j] = out[1] * arguments[m, 0, j, 0] + out[2] * arguments[m, 1, j, 0]
 
 
-@njit(**HOT)
-def own_columns(laws, m, side, nq, x, out, row):
-    """row (ns,) = derivatives of the torque of law m over the parameters at a state that does not move.
+@njit(**INLINED)
+def parameter_columns(laws, m, side, nq, x, out, row):
+    """row (ns,) = derivatives of the torque of law m over the parameters at a fixed state.
 
-    side  of the contact whose half gap is taken off, 0 if the law belongs to no gap
+    side  of the contact whose half gap is subtracted, 0 if the law belongs to no gap
     """
     for q in range(row.size):
         row[q] = 0.0
-    if laws.turns[m] != 0:
+    if laws.arguments_vary[m] != 0:
         for k in range(2):
             for j in range(laws.first):
                 e = out[1 + k] * x[j]
@@ -108,22 +108,22 @@ def own_columns(laws, m, side, nq, x, out, row):
     if side != 0.0:
         e = -out[1] * side
         for q in range(nq):
-            row[q] += e * laws.half[m, q + 1]
+            row[q] += e * laws.half_gap[m, q + 1]
 
 
-@njit(**HOT)
+@njit(**INLINED)
 def gap_side(gap, m, mode):
     """Side of the contact that law m belongs to, 0 if it belongs to none."""
     return 1.0 - mode[gap[m]] if gap[m] >= 0 else 0.0
 
 
 @njit(**COMPILE)
-def set_hold(s, c, laws, time):
+def set_holding_torque(s, c, laws, time):
     """Torque up to which each friction holds a body at rest: its level and what the laws add there."""
     for f in range(s.nf):
-        c.hold[f, 0] = s.level[f, 0]
+        c.holding_torque[f, 0] = s.level[f, 0]
     for m in range(laws.code.size):
         if laws.friction[m] >= 0:
-            out = laws.found[0, m]
+            out = laws.torque_jets[0, m]
             law_torque(laws.torque, laws.code[m], 0.0, 0.0, time, 1.0, laws.parameters[m], out)
-            c.hold[laws.friction[m], 0] -= out[0]
+            c.holding_torque[laws.friction[m], 0] -= out[0]

@@ -1,22 +1,22 @@
-"""The matrices of one mode: the flow, the exact step over a part of a sample, as jets."""
+"""The matrices of one mode as jets: the state matrix and the exact step over a part of a sample."""
 
 from __future__ import annotations
 
 import numpy as np
 from numba import njit
 
-from drivetool.drive.arrays import LOOKS, WIDE
-from drivetool.drive.compile import CACHE, COMPILE, HOT, REAL, SYSTEM, WHOLE, WHOLES, unit
+from drivetool.drive.arrays import MAX_GUARD_INSTANTS, WIDE_BLOCK
+from drivetool.drive.compile import CACHE, COMPILE, INLINED, REAL, SYSTEM, WHOLE, WHOLES, unit
 
 # The Taylor terms after which exp is exact to rounding for a norm of one half.
-TERMS = 14
-# Rate times length above which events are not located any more: what moves that much faster than
-# the record is sampled leaves no trace in it, and a trial value of a fit must not take for ever.
-STIFF = 100.0
+TAYLOR_TERMS = 14
+# Rate times length above which events are not located any more. Motion that much faster than the sampling leaves no
+# trace in the record, and the step would take unbounded time at an extreme trial value of a fit.
+MAX_LOCATED_RATE = 100.0
 
 @njit(**COMPILE)
 def lookup(s, c, mode, part):
-    """The slot of a mode, worked out first if it is new."""
+    """The slot of a mode, filled first if it is new."""
     number = part
     for digit in mode:
         number = 3 * number + digit
@@ -41,65 +41,66 @@ def work_out(s, c, mode, part, k, h):
         step_matrix(s, c, mode, k, c.rate.size - 1, h)
         return
     stamp_mode(s, c, mode, k)
-    c.rate[k] = balanced_norm(c.flow[k], c.square, s.nx)
-    step_matrix(s, c, mode, k, k, s.spans[part])
-    look_ahead(s, c, mode, k, s.spans[part])
-    if c.mid.shape[0] > 0:
-        exponential(c.flow[k], 0.5 * s.spans[part], c.rate[k], c.jets, c.mid[k], c.dmid[k])
-        let_rest(s, c.mid[k], mode)
-        laws_by_torques(s, c, k, s.spans[part])
-        in_blocks(c.dmid[k], c.wide_mid[k])
-    in_blocks(c.dleap[k], c.wide[k])
+    c.rate[k] = balanced_norm(c.a_matrix[k], c.square, s.nx)
+    step_matrix(s, c, mode, k, k, s.part_lengths[part])
+    fill_guard_rows(s, c, mode, k, s.part_lengths[part])
+    if c.phi_mid.shape[0] > 0:
+        exponential(c.a_matrix[k], 0.5 * s.part_lengths[part], c.rate[k], c.jets, c.phi_mid[k], c.dphi_mid[k])
+        zero_resting_speed(s, c.phi_mid[k], mode)
+        law_columns_over_torques(s, c, k, s.part_lengths[part])
+        fill_blocks(c.dphi_mid[k], c.dphi_mid_blocks[k])
+    fill_blocks(c.dphi[k], c.dphi_blocks[k])
 
 
 @njit(**COMPILE)
-def in_blocks(d, wide):
+def fill_blocks(d, wide):
     """d (nx, nz, nq) in blocks of WIDE columns, all rows of a block one behind the other."""
     nx, nz, nq = d.shape
     for r in range(nx):
         for j in range(nz):
             for q in range(nq):
-                wide[q // WIDE, WIDE * (r * nz + j) + q % WIDE] = d[r, j, q]
+                wide[q // WIDE_BLOCK, WIDE_BLOCK * (r * nz + j) + q % WIDE_BLOCK] = d[r, j, q]
 
 
-@njit(**HOT)
-def laws_by_torques(s, c, k, h):
-    """Columns of the smooth laws over their torques at start, middle and end, not over value, slope and bend.
+@njit(**INLINED)
+def law_columns_over_torques(s, c, k, h):
+    """Change columns of the smooth laws from value, slope and curvature to torques at start, middle and end.
 
     h  length of the part of a sample that slot k steps over [s]
     """
     for at in range(s.plain, s.nx, 3):
         for r in range(s.plain):
-            by_torques(c.leap[k, r], at, h)
-            by_torques(c.mid[k, r], at, h)
-            derivatives_by_torques(c.dleap[k, r], at, h)
-            derivatives_by_torques(c.dmid[k, r], at, h)
+            row_over_torques(c.phi[k, r], at, h)
+            row_over_torques(c.phi_mid[k, r], at, h)
+            derivative_rows_over_torques(c.dphi[k, r], at, h)
+            derivative_rows_over_torques(c.dphi_mid[k, r], at, h)
         for e in range(s.ng + s.nf):
-            for m in range(c.looks[k] + 1):
-                by_torques(c.watch[k, e, m], at, h)
+            for m in range(c.guard_instants[k] + 1):
+                row_over_torques(c.guard_rows[k, e, m], at, h)
 
 
 @njit(**COMPILE)
-def by_torques(row, at, h):
+def row_over_torques(row, at, h):
     """The same for row[at:at + 3]."""
-    value, slope, bend = row[at], row[at + 1] / h, 4.0 * row[at + 2] / (h * h)
-    row[at], row[at + 1], row[at + 2] = value - 3.0 * slope + bend, 4.0 * slope - 2.0 * bend, bend - slope
+    value, slope, curvature = row[at], row[at + 1] / h, 4.0 * row[at + 2] / (h * h)
+    row[at], row[at + 1], row[at + 2] = (
+        value - 3.0 * slope + curvature, 4.0 * slope - 2.0 * curvature, curvature - slope)
 
 
 @njit(**COMPILE)
-def derivatives_by_torques(rows, at, h):
+def derivative_rows_over_torques(rows, at, h):
     """The same for rows[at:at + 3, q]."""
     for q in range(rows.shape[1]):
-        value, slope, bend = rows[at, q], rows[at + 1, q] / h, 4.0 * rows[at + 2, q] / (h * h)
-        rows[at, q], rows[at + 1, q] = value - 3.0 * slope + bend, 4.0 * slope - 2.0 * bend
-        rows[at + 2, q] = bend - slope
+        value, slope, curvature = rows[at, q], rows[at + 1, q] / h, 4.0 * rows[at + 2, q] / (h * h)
+        rows[at, q], rows[at + 1, q] = value - 3.0 * slope + curvature, 4.0 * slope - 2.0 * curvature
+        rows[at + 2, q] = curvature - slope
 
 
-@njit(**HOT)
+@njit(**INLINED)
 def stamp_mode(s, c, mode, k):
-    """The flow of slot k: stamp the switching elements, divide by the mass."""
+    """The state matrix of slot k: stamp the switching elements, divide by the mass."""
     nx, const, jet = s.nx, s.nx + s.nu, s.nq + 1
-    a = c.flow[k]
+    a = c.a_matrix[k]
     for r in range(nx):
         for j in range(const + 1):
             for q in range(jet):
@@ -111,7 +112,7 @@ def stamp_mode(s, c, mode, k):
     for f in range(s.nf):
         row = s.slip_rows[f]
         for j in range(const + 1):
-            c.net[k, f, j] = a[row, j, 0]
+            c.net_torque[k, f, j] = a[row, j, 0]
         for q in range(jet):
             a[row, const, q] -= (1.0 - mode[s.ng + f]) * s.level[f, q]
     for r in range(nx):
@@ -121,12 +122,12 @@ def stamp_mode(s, c, mode, k):
                 a[r, j, q] = (a[r, j, q] - a[r, j, 0] * s.mass[r, q]) / s.mass[r, 0]
     for f in range(s.nf):
         if mode[s.ng + f] == 1:
-            hold(a, s.slip_rows[f])
+            hold_body(a, s.slip_rows[f])
 
 
-@njit(**HOT)
-def hold(a, row):
-    """A body that sticks has no acceleration, and its speed, which is zero, moves nothing."""
+@njit(**INLINED)
+def hold_body(a, row):
+    """A sticking body has no acceleration, and its speed of zero has no effect."""
     for j in range(a.shape[1]):
         for q in range(a.shape[2]):
             a[row, j, q] = 0.0
@@ -138,50 +139,50 @@ def hold(a, row):
 @njit(**COMPILE)
 def step_matrix(s, c, mode, k, to, h):
     """The exact step of mode k over h seconds, into slot `to`."""
-    exponential(c.flow[k], h, c.rate[k], c.jets, c.leap[to], c.dleap[to])
-    let_rest(s, c.leap[to], mode)
+    exponential(c.a_matrix[k], h, c.rate[k], c.jets, c.phi[to], c.dphi[to])
+    zero_resting_speed(s, c.phi[to], mode)
 
 
 @njit(**COMPILE)
-def let_rest(s, leap, mode):
-    """A start speed that was zero counts no more once the body sticks."""
+def zero_resting_speed(s, phi, mode):
+    """Clear the effect of the start speed of a body that sticks: that speed is zero."""
     for f in range(s.nf):
         if mode[s.ng + f] == 1:
-            leap[s.slip_rows[f], s.slip_rows[f]] = 0.0
+            phi[s.slip_rows[f], s.slip_rows[f]] = 0.0
 
 
-@njit(**HOT)
-def look_ahead(s, c, mode, k, h):
+@njit(**INLINED)
+def fill_guard_rows(s, c, mode, k, h):
     """Rows that give every guard at the start of a part of h seconds and equally spaced inside."""
-    a, rate, row = c.flow[k], c.rate[k], c.lines[0]
-    count = 0 if not rate * h < STIFF else min(max(int(np.ceil(rate * h)) - 1, 1), LOOKS)
-    c.looks[k] = count
+    a, rate, row = c.a_matrix[k], c.rate[k], c.row_scratch[0]
+    count = 0 if not rate * h < MAX_LOCATED_RATE else min(max(int(np.ceil(rate * h)) - 1, 1), MAX_GUARD_INSTANTS)
+    c.guard_instants[k] = count
     gap = h / (count + 1)
     pieces = max(int(np.ceil(2.0 * rate * gap)), 1) if count > 0 else 1
     for e in range(s.ng + s.nf):
-        f, watch = e - s.ng, c.watch[k, e]
+        f, guard_rows = e - s.ng, c.guard_rows[k, e]
         for j in range(row.size):
-            row[j] = c.net[k, f, j] if f >= 0 and mode[e] == 1 else 0.0
+            row[j] = c.net_torque[k, f, j] if f >= 0 and mode[e] == 1 else 0.0
         if f < 0:
             for j in range(s.nx):
                 row[j] = s.spring[e, j, 0]
         elif mode[e] != 1:
             row[s.slip_rows[f]] = 1.0
         for j in range(row.size):
-            watch[0, j] = row[j]
+            guard_rows[0, j] = row[j]
         for m in range(count):
             for _ in range(pieces):
-                advance_row(a, row, c.lines[1], c.lines[2], gap / pieces)
+                advance_row(a, row, c.row_scratch[1], c.row_scratch[2], gap / pieces)
             for j in range(row.size):
-                watch[m + 1, j] = row[j]
+                guard_rows[m + 1, j] = row[j]
 
 
-@njit(**HOT)
+@njit(**INLINED)
 def advance_row(a, row, term, new, h):
     """row (nz,) becomes the row that gives its value h seconds later; term, new (nz,) are scratch."""
     for j in range(row.size):
         term[j] = row[j]
-    for k in range(1, TERMS + 1):
+    for k in range(1, TAYLOR_TERMS + 1):
         for j in range(row.size):
             v = 0.0
             for r in range(a.shape[0]):
@@ -206,7 +207,7 @@ def stamp_contact(s, a, g, e, side):
         a[row, const, q] -= side * (gain[0] * reach[q] + gain[q] * reach[0])
 
 
-@njit(**HOT)
+@njit(**INLINED)
 def balanced_norm(a, b, nx):
     """Infinity norm of the state part after diagonal balancing (Osborne 1960), in 1/s.
 
@@ -223,12 +224,12 @@ def balanced_norm(a, b, nx):
                 if j != i:
                     row += b[i, j]
                     col += b[j, i]
-            # A state that drives nothing, or is driven by nothing, may be scaled at will.
-            down = np.sqrt(row / col) if row > 0.0 and col > 0.0 else (1e3 if row > 0.0 else 1e-3)
+            # A state that affects no other, or that no other affects, may be scaled freely.
+            scale = np.sqrt(row / col) if row > 0.0 and col > 0.0 else (1e3 if row > 0.0 else 1e-3)
             for j in range(nx):
                 if j != i:
-                    b[i, j] /= down
-                    b[j, i] *= down
+                    b[i, j] /= scale
+                    b[j, i] *= scale
     worst = 0.0
     for i in range(nx):
         total = 0.0
@@ -239,7 +240,7 @@ def balanced_norm(a, b, nx):
 
 
 @njit(**COMPILE)
-def multiply(a, b, factor, out):
+def multiply_jets(a, b, factor, out):
     """out = factor a[:, :nx] b for jets a, b, out (nx, nz, 1 + nq)."""
     nx, nz, jet = a.shape
     for r in range(nx):
@@ -254,7 +255,7 @@ def multiply(a, b, factor, out):
 
 
 @njit(**COMPILE)
-def exponential(a, h, rate, scratch, leap, dleap):
+def exponential(a, h, rate, scratch, phi, dphi):
     """Rows of exp([[A B]; [0 0]] h) and their derivatives: Taylor, then repeated squaring."""
     nx, nz, jet = a.shape
     halvings = 0
@@ -267,16 +268,16 @@ def exponential(a, h, rate, scratch, leap, dleap):
             for q in range(jet):
                 t[r, j, q] = a[r, j, q] * h
                 e[r, j, q] = t[r, j, q]
-    for k in range(2, TERMS + 1):
-        multiply(a, t, h / k, n)
+    for k in range(2, TAYLOR_TERMS + 1):
+        multiply_jets(a, t, h / k, n)
         for r in range(nx):
             for j in range(nz):
                 for q in range(jet):
                     e[r, j, q] += n[r, j, q]
         t, n = n, t
     for _ in range(halvings):
-        # (1 + e)(1 + e) - 1 = 2 e + e e keeps the small part apart from the identity.
-        multiply(e, e, 1.0, n)
+        # (1 + e)(1 + e) - 1 = 2 e + e e keeps the small part separate from the identity.
+        multiply_jets(e, e, 1.0, n)
         for r in range(nx):
             for j in range(nz):
                 for q in range(jet):
@@ -284,6 +285,6 @@ def exponential(a, h, rate, scratch, leap, dleap):
     for r in range(nx):
         e[r, r, 0] += 1.0
         for j in range(nz):
-            leap[r, j] = e[r, j, 0]
+            phi[r, j] = e[r, j, 0]
             for q in range(1, jet):
-                dleap[r, j, q - 1] = e[r, j, q]
+                dphi[r, j, q - 1] = e[r, j, q]

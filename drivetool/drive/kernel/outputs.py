@@ -1,20 +1,20 @@
-"""What the sensors see: states, or rows over the state to which the torque of a contact may belong."""
+"""Outputs: single states, or rows over the state, to which a contact may add its torque."""
 
 from __future__ import annotations
 
 from numba import njit
 
-from drivetool.drive.compile import APART, HOT
+from drivetool.drive.compile import INLINED, NO_OVERLAP
 
 
-@njit(**HOT)
-def output_row(outputs, spring, reach, output_gap, picks, mode, m, x, row):
+@njit(**INLINED)
+def output_row(outputs, spring, reach, output_gap, output_state, mode, m, x, row):
     """Output m at x; row (nx,) gets its derivative over the state."""
-    v, pick = 0.0, picks[m]
+    v, measured = 0.0, output_state[m]
     for j in range(x.size):
         row[j] = outputs[m, j, 0]
-    if pick >= 0:
-        return x[pick]
+    if measured >= 0:
+        return x[measured]
     gap = output_gap[m]
     if gap >= 0 and mode[gap] != 1:
         for j in range(x.size):
@@ -25,25 +25,25 @@ def output_row(outputs, spring, reach, output_gap, picks, mode, m, x, row):
     return v
 
 
-@njit(**APART)
+@njit(**NO_OVERLAP)
 def add_scaled(total, factor, other):
     """total (n,) += factor other."""
     for q in range(total.size):
         total[q] += factor * other[q]
 
 
-@njit(**HOT)
-def output_gradient(outputs, spring, reach, output_gap, picks, mode, m, x, row, big, col):
+@njit(**INLINED)
+def output_gradient(outputs, spring, reach, output_gap, output_state, mode, m, x, row, sens, col):
     """Derivative of output m over the ns columns."""
-    pick = picks[m]
+    measured = output_state[m]
     for q in range(col.size):
-        col[q] = big[pick, q] if pick >= 0 else row[0] * big[0, q]
-    if pick >= 0:
+        col[q] = sens[measured, q] if measured >= 0 else row[0] * sens[0, q]
+    if measured >= 0:
         return
     own, gap = col[:outputs.shape[2] - 1], output_gap[m]
     for j in range(x.size):
         if j > 0:
-            add_scaled(col, row[j], big[j])
+            add_scaled(col, row[j], sens[j])
         add_scaled(own, x[j], outputs[m, j, 1:])
     if gap >= 0 and mode[gap] != 1:
         for j in range(x.size):

@@ -17,7 +17,7 @@ def horner(p, t):
 
 
 @njit(**COMPILE)
-def slope(p, t):
+def derivative_at(p, t):
     """Derivative of the polynomial p (k,) at t."""
     v = 0.0
     for k in range(p.size - 1, 0, -1):
@@ -26,8 +26,8 @@ def slope(p, t):
 
 
 @njit(**COMPILE)
-def bracketed(p, lo, hi):
-    """Root of p between lo, where p > 0, and hi, where p < 0: Newton's steps, halving where one leads out."""
+def bracketed_root(p, lo, hi):
+    """Root of p between lo, where p > 0, and hi, where p < 0: Newton steps, bisection if one leaves it."""
     first, last = horner(p, lo), horner(p, hi)
     t = (lo * last - hi * first) / (last - first)
     for trial in range(100):
@@ -51,9 +51,9 @@ def bracketed(p, lo, hi):
 
 @njit(**COMPILE)
 def deflate(p, end, noise):
-    """Divide out the lowest terms of a guard that has just been at zero, as far as they are noise.
+    """Divide out the lowest terms of a guard that has just been at zero, as far as they are rounding errors.
 
-    Returns the sign of the first term that counts, 0 if none does until `end`; p is changed.
+    Returns the sign of the first significant term, 0 if none is until `end`; p is changed.
     """
     if abs(p[0]) > noise:
         return 1.0 if p[0] > 0.0 else -1.0
@@ -61,39 +61,39 @@ def deflate(p, end, noise):
     for k in range(1, p.size):
         power *= end
         size += abs(p[k]) * power
-    power, lead, least = 1.0, 0, max(noise, 1e-12 * size)
+    power, order, threshold = 1.0, 0, max(noise, 1e-12 * size)
     for k in range(1, p.size):
         power *= end
-        if abs(p[k]) * power > least:
-            lead = k
+        if abs(p[k]) * power > threshold:
+            order = k
             break
-    if lead == 0:
+    if order == 0:
         return 0.0
     for k in range(p.size):
-        p[k] = p[k + lead] if k + lead < p.size else 0.0
+        p[k] = p[k + order] if k + order < p.size else 0.0
     return 1.0 if p[0] > 0.0 else -1.0
 
 
 @njit(**COMPILE)
-def first_exit(p, end, fresh, span, noise):
+def first_exit(p, end, just_switched, span, noise):
     """First time in [0, end] at which the guard p(t) becomes negative, or -1.
 
-    fresh  the guard has just been at zero: the root at 0 is not to be found again; values up to
-           `noise` are then zero, and what moves it less until `span` >= end does not count
+    just_switched  the guard has just been at zero: the root at 0 is not found again; values up to `noise` are then
+                   zero, and terms that change it by less until `span` >= end are ignored
     """
-    if fresh and deflate(p, span, noise) == 0.0:
+    if just_switched and deflate(p, span, noise) == 0.0:
         return -1.0
     if p[0] < 0.0:
         return 0.0
     if horner(p, end) < 0.0:
-        return bracketed(p, 0.0, end)
-    if p[1] < 0.0 and slope(p, end) > 0.0:  # may dip below and come back
+        return bracketed_root(p, 0.0, end)
+    if p[1] < 0.0 and derivative_at(p, end) > 0.0:  # may dip below and come back
         lo, hi = 0.0, end
         for _ in range(60):
             t = 0.5 * (lo + hi)
             if horner(p, t) < 0.0:
-                return bracketed(p, 0.0, t)
-            if slope(p, t) < 0.0:
+                return bracketed_root(p, 0.0, t)
+            if derivative_at(p, t) < 0.0:
                 lo = t
             else:
                 hi = t

@@ -1,17 +1,17 @@
 """Power series in time of the state and of its sensitivities within a mode.
 
-All ORDER terms are always taken: rate times length says nothing about how many count, for the
-nilpotent part of a gap, where motion is a parabola, has next to no rate.
+All SERIES_ORDER terms are always taken: rate times length does not bound the terms that matter, for the nilpotent
+part of an open gap, where motion is a parabola, has almost no rate.
 """
 
 from __future__ import annotations
 
 from numba import njit
 
-from drivetool.drive.compile import APART, HOT
+from drivetool.drive.compile import INLINED, NO_OVERLAP
 
 
-@njit(**APART)
+@njit(**NO_OVERLAP)
 def series(a, x, u, w):
     """Power series of the state: w (ORDER + 1, nx)."""
     nx = x.size
@@ -32,7 +32,7 @@ def series(a, x, u, w):
             w[k, r] = v * share
 
 
-@njit(**APART)
+@njit(**NO_OVERLAP)
 def term_of_any(a, w, n, power, g, r, v, t):
     """Row r of the next term, but for the inputs."""
     (nx, ns), nq = v.shape, a.shape[2] - 1
@@ -49,7 +49,7 @@ def term_of_any(a, w, n, power, g, r, v, t):
             t[r, q] += e * a[r, j, q + 1]
 
 
-@njit(**APART)
+@njit(**NO_OVERLAP)
 def term_of_three(a, w, n, power, g, r, v, t):
     """The same for three states: the two-mass drive."""
     e0, e1, e2 = a[r, 0, 0] * g, a[r, 1, 0] * g, a[r, 2, 0] * g
@@ -60,7 +60,7 @@ def term_of_three(a, w, n, power, g, r, v, t):
         t[r, q - 1] += f0 * a[r, 0, q] + f1 * a[r, 1, q] + f2 * a[r, 2, q]
 
 
-@njit(**APART)
+@njit(**NO_OVERLAP)
 def term_of_five(a, w, n, power, g, r, v, t):
     """The same for five states: three masses."""
     e0, e1, e2, e3, e4 = a[r, 0, 0] * g, a[r, 1, 0] * g, a[r, 2, 0] * g, a[r, 3, 0] * g, a[r, 4, 0] * g
@@ -72,11 +72,11 @@ def term_of_five(a, w, n, power, g, r, v, t):
         t[r, q - 1] += (f0 * a[r, 0, q] + f1 * a[r, 1, q]) + (f2 * a[r, 2, q] + f3 * a[r, 3, q]) + f4 * a[r, 4, q]
 
 
-@njit(**APART)
+@njit(**NO_OVERLAP)
 def next_term(a, u, w, n, power, g, v, t):
     """t = term n + 1 of the power series of dS/dt = A S + dA z, from term n in v; power = h^n, g = h/(n + 1).
 
-    w  power series of the state. Columns are innermost, so that the compiler makes vectors of them
+    w  power series of the state. Columns are innermost, so that the compiler vectorises them
     """
     nx, nq = v.shape[0], a.shape[2] - 1
     for r in range(nx):
@@ -95,18 +95,18 @@ def next_term(a, u, w, n, power, g, v, t):
                     t[r, q] += e * a[r, nx + j, q + 1]
 
 
-@njit(**HOT)
-def carry(a, u, big, w, v, t, te):
+@njit(**INLINED)
+def carry(a, u, sens, w, v, t, te):
     """Sensitivities across a stretch without event, as a power series."""
-    nx, ns = big.shape
+    nx, ns = sens.shape
     for r in range(nx):
         for q in range(ns):
-            v[r, q] = big[r, q]
+            v[r, q] = sens[r, q]
     power = 1.0
     for n in range(w.shape[0] - 1):
         next_term(a, u, w, n, power, te / (n + 1), v, t)
         for r in range(nx):
             for q in range(ns):
-                big[r, q] += t[r, q]
+                sens[r, q] += t[r, q]
         v, t = t, v
         power *= te

@@ -4,35 +4,39 @@ from __future__ import annotations
 
 from numba import njit
 
-from drivetool.drive.arrays import ORDER
-from drivetool.drive.compile import APART, CACHE, COMPILE, LAWS, REAL, REALS, SYSTEM, WHOLE, WHOLES, unit
-from drivetool.drive.kernel.events import MOST, load_on, next_event, switch, unlocated_step
-from drivetool.drive.kernel.laws import law_at, set_hold
-from drivetool.drive.kernel.modes import STIFF, lookup
+from drivetool.drive.arrays import SERIES_ORDER
+from drivetool.drive.compile import CACHE, COMPILE, LAWS, NO_OVERLAP, REAL, REALS, SYSTEM, WHOLE, WHOLES, unit
+from drivetool.drive.kernel.events import MAX_EVENTS_PER_PART, net_load, next_event, switch_mode, unlocated_step
+from drivetool.drive.kernel.laws import law_at, set_holding_torque
+from drivetool.drive.kernel.modes import MAX_LOCATED_RATE, lookup
 from drivetool.drive.kernel.roots import horner
 from drivetool.drive.kernel.smooth import solve, torque_row
 
-ROUNDS = 12  # of the fixed point, after which shorter stretches are taken
-CLOSE = 1e-10  # relative change of the torques at which it has converged
-# Share of a part below which a stretch is not cut any further, converged or not: what changes faster
-# leaves no trace in the record, and a trial value of a fit must not take for ever.
-SHORTEST = 0.02
-PATIENCE = 12  # stretches cut short in one part, after which the torques are held over the rest
-FAR = 1e12  # of a state, in SI: a trial value that leads there is wrong anyway
+# Fixed-point iterations before the stretch is halved. A choice: halving is cheaper than slow convergence.
+MAX_COLLOCATION_ITERATIONS = 12
+# Relative change of the torques at convergence. A choice: below the error of the parabolas, above rounding.
+COLLOCATION_TOLERANCE = 1e-10
+# Fraction of a part below which a stretch is not halved further, converged or not. Faster changes leave no trace in
+# the record, and the step would take unbounded time at an extreme trial value of a fit.
+MIN_STRETCH_FRACTION = 0.02
+# Halved stretches in one part, after which the torques are held over the rest. A choice: it bounds the run time.
+MAX_SHORTENED_STRETCHES = 12
+# A state in SI units beyond which the torques are held: no drive reaches it, the trial value of the fit is wrong.
+DIVERGED_STATE = 1e12
 
 
 @njit(**COMPILE)
 def law_series(a, x, u, first, w):
-    """Power series of the state: w (ORDER + 1, nx); value, slope and bend of a law feed one another."""
+    """Power series of the state: w (SERIES_ORDER + 1, nx); a law's states are value, slope and curvature."""
     nx = x.size
-    for k in range(ORDER + 1):
+    for k in range(SERIES_ORDER + 1):
         for r in range(first, nx):
             w[k, r] = 0.0
     for r in range(nx):
         w[0, r] = x[r]
     for at in range(first, nx, 3):
         w[1, at], w[1, at + 1], w[2, at] = x[at + 1], x[at + 2], 0.5 * x[at + 2]
-    for k in range(1, ORDER + 1):
+    for k in range(1, SERIES_ORDER + 1):
         share = 1.0 / k
         for r in range(first):
             v = 0.0
@@ -50,8 +54,8 @@ def law_series(a, x, u, first, w):
 @njit(**COMPILE)
 def collocate(s, laws, a, x, u, time, h, mode, w, y):
     """Find the parabolas over h seconds from x; w gets the power series. Returns whether it converged."""
-    n, nl, found = laws.first, laws.code.size, laws.found
-    for _ in range(ROUNDS):
+    n, nl, jets = laws.first, laws.code.size, laws.torque_jets
+    for _ in range(MAX_COLLOCATION_ITERATIONS):
         law_series(a, x, u, n, w)
         done = True
         for node in range(2):
@@ -59,15 +63,15 @@ def collocate(s, laws, a, x, u, time, h, mode, w, y):
             for r in range(n):
                 y[r] = horner(w[:, r], t)
             for m in range(nl):
-                law_at(laws, m, y, time + t, mode, s.ng, found[1 + node, m])
+                law_at(laws, m, y, time + t, mode, s.ng, jets[1 + node, m])
         for m in range(nl):
             at = n + 3 * m
             middle = x[at] + 0.5 * h * (x[at + 1] + 0.25 * h * x[at + 2])
             last = x[at] + h * (x[at + 1] + 0.5 * h * x[at + 2])
-            size = abs(found[0, m, 0]) + abs(found[1, m, 0]) + abs(found[2, m, 0]) + 1e-30
-            if not abs(found[1, m, 0] - middle) + abs(found[2, m, 0] - last) <= CLOSE * size:
+            size = abs(jets[0, m, 0]) + abs(jets[1, m, 0]) + abs(jets[2, m, 0]) + 1e-30
+            if not abs(jets[1, m, 0] - middle) + abs(jets[2, m, 0] - last) <= COLLOCATION_TOLERANCE * size:
                 done = False
-                middle, last = found[1, m, 0], found[2, m, 0]
+                middle, last = jets[1, m, 0], jets[2, m, 0]
                 x[at + 1] = (4.0 * middle - 3.0 * x[at] - last) / h
                 x[at + 2] = 4.0 * (x[at] - 2.0 * middle + last) / (h * h)
         if done:
@@ -76,44 +80,44 @@ def collocate(s, laws, a, x, u, time, h, mode, w, y):
 
 
 @njit(**COMPILE)
-def begin(s, laws, x, time, mode):
-    """Torques at the start of a stretch, taken as constant for a first guess."""
+def hold_start_torques(s, laws, x, time, mode):
+    """Torques at the start of a stretch, held constant as the initial guess."""
     for m in range(laws.code.size):
         at = laws.first + 3 * m
-        law_at(laws, m, x, time, mode, s.ng, laws.found[0, m])
-        x[at] = laws.found[0, m, 0]
+        law_at(laws, m, x, time, mode, s.ng, laws.torque_jets[0, m])
+        x[at] = laws.torque_jets[0, m, 0]
         x[at + 1] = x[at + 2] = 0.0
 
 
 @njit(**COMPILE)
-def start_columns(s, laws, x, mode, big):
+def start_torque_columns(s, laws, x, mode, sens):
     """Row of the torque of each law at the start."""
     for m in range(laws.code.size):
-        torque_row(laws, m, mode, s.nq, x, laws.found[0, m], big, big[laws.first + 3 * m], laws.first)
+        torque_row(laws, m, mode, s.nq, x, laws.torque_jets[0, m], sens, sens[laws.first + 3 * m], laws.first)
 
 
-@njit(**APART)
-def widened(big, first, h, wide):
-    """wide = big, and behind it a column for the torque of each law at the middle and at the end of h seconds."""
-    nx, ns = big.shape
+@njit(**NO_OVERLAP)
+def with_torque_columns(sens, first, h, wide):
+    """wide = sens, then a column for the torque of each law at the middle and at the end of h seconds."""
+    nx, ns = sens.shape
     nl = (nx - first) // 3
     for r in range(nx):
         for q in range(ns, ns + 2 * nl):
             wide[r, q] = 0.0
     for r in range(first):
         for q in range(ns):
-            wide[r, q] = big[r, q]
+            wide[r, q] = sens[r, q]
     for m in range(nl):
         at = first + 3 * m
         for q in range(ns):
-            wide[at, q] = big[at, q]
-            wide[at + 1, q] = -3.0 / h * big[at, q]
-            wide[at + 2, q] = 4.0 / (h * h) * big[at, q]
+            wide[at, q] = sens[at, q]
+            wide[at + 1, q] = -3.0 / h * sens[at, q]
+            wide[at + 2, q] = 4.0 / (h * h) * sens[at, q]
         wide[at + 1, ns + m], wide[at + 2, ns + m] = 4.0 / h, -8.0 / (h * h)
         wide[at + 1, ns + nl + m], wide[at + 2, ns + nl + m] = -1.0 / h, 4.0 / (h * h)
 
 
-@njit(**APART)
+@njit(**NO_OVERLAP)
 def add_term(a, nq, first, w, n, power, g, v, t):
     """t = term n + 1 of the power series of dS/dt = A S + dA z, from term n in v, but for the inputs.
 
@@ -138,10 +142,10 @@ def add_term(a, nq, first, w, n, power, g, v, t):
 
 
 @njit(**COMPILE)
-def carry_to(a, u, nq, first, w, v, t, h, share, nodes):
+def propagate_to_nodes(a, u, nq, first, w, v, t, h, share, nodes):
     """nodes[0..2] (nx, ns) = the columns v after h/2, h and share h: one power series, summed up three times.
 
-    nq  leading columns that also have a source of their own, dA z; v and t are lost
+    nq  leading columns, which also have the source dA z; v and t are overwritten
     """
     nx, ns = v.shape
     for r in range(first):
@@ -149,7 +153,7 @@ def carry_to(a, u, nq, first, w, v, t, h, share, nodes):
             for node in range(3):
                 nodes[node, r, q] = v[r, q]
     power, half, part = 1.0, 1.0, 1.0
-    for n in range(ORDER):
+    for n in range(SERIES_ORDER):
         g = h / (n + 1)
         add_term(a, nq, first, w, n, power, g, v, t)
         if n == 0:
@@ -161,13 +165,13 @@ def carry_to(a, u, nq, first, w, v, t, h, share, nodes):
         half *= 0.5
         part *= share
         for r in range(first):
-            sum_up(nodes[0, r], nodes[1, r], nodes[2, r], half, part, t[r])
+            add_to_sums(nodes[0, r], nodes[1, r], nodes[2, r], half, part, t[r])
         v, t = t, v
         power *= h
 
 
-@njit(**APART)
-def sum_up(middle, end, there, half, part, term):
+@njit(**NO_OVERLAP)
+def add_to_sums(middle, end, there, half, part, term):
     """Add a term of the series to the three sums (ns,)."""
     for q in range(term.size):
         middle[q] += half * term[q]
@@ -176,95 +180,95 @@ def sum_up(middle, end, there, half, part, term):
 
 
 @njit(**COMPILE)
-def stretch_columns(s, c, laws, a, x, u, time, h, te, mode, big):
+def stretch_columns(s, c, laws, a, x, u, time, h, te, mode, sens):
     """Sensitivities over the first te of a stretch of h seconds whose parabolas are known."""
-    n, nl, ns, w = laws.first, laws.code.size, big.shape[1], c.series
-    right, weight, nodes = laws.right, laws.weight, laws.nodes
-    start_columns(s, laws, x, mode, big)
-    widened(big, n, h, laws.term[0])
-    carry_to(a, u, s.nq, n, w, laws.term[0], laws.term[1], h, te / h, nodes)
+    n, nl, ns, w = laws.first, laws.code.size, sens.shape[1], c.series
+    right, weight, nodes = laws.torque_columns, laws.newton_matrix, laws.nodes
+    start_torque_columns(s, laws, x, mode, sens)
+    with_torque_columns(sens, n, h, laws.term[0])
+    propagate_to_nodes(a, u, s.nq, n, w, laws.term[0], laws.term[1], h, te / h, nodes)
     for node in range(2):
         t = 0.5 * h if node == 0 else h
         for r in range(n):
             c.vectors[3, r] = horner(w[:, r], t)
         for m in range(nl):
             i, slope = node * nl + m, laws.slopes[m]
-            torque_row(laws, m, mode, s.nq, c.vectors[3], laws.found[1 + node, m], nodes[node], right[i], n)
+            torque_row(laws, m, mode, s.nq, c.vectors[3], laws.torque_jets[1 + node, m], nodes[node], right[i], n)
             for j in range(2 * nl):
                 weight[i, j] = 1.0 if i == j else 0.0
                 for r in range(n):
                     weight[i, j] -= slope[r] * nodes[node, r, ns + j]
-    solve(weight, laws.spare, right, ns, 2 * nl)
+    solve(weight, laws.matrix_scratch, right, ns, 2 * nl)
     for r in range(n):
         for q in range(ns):
-            big[r, q] = nodes[2, r, q]
+            sens[r, q] = nodes[2, r, q]
         for j in range(2 * nl):
             f = nodes[2, r, ns + j]
             for q in range(ns):
-                big[r, q] += f * right[j, q]
+                sens[r, q] += f * right[j, q]
 
 
 @njit(**COMPILE)
-def rest_columns(s, laws, x, mode, big):
+def constant_torque_columns(s, laws, x, mode, sens):
     """Sensitivities of torques taken as constant over a part."""
-    start_columns(s, laws, x, mode, big)
+    start_torque_columns(s, laws, x, mode, sens)
     for r in range(laws.code.size):
         at = laws.first + 3 * r
-        for q in range(big.shape[1]):
-            big[at + 1, q] = big[at + 2, q] = 0.0
+        for q in range(sens.shape[1]):
+            sens[at + 1, q] = sens[at + 2, q] = 0.0
 
 
 @unit(SYSTEM, CACHE, LAWS, REALS[1], REALS[2], WHOLE, REAL, REALS[2], WHOLES[1], WHOLE)
-def law_rough_step(s, c, laws, x, inputs, i, time, big, mode, part):
+def law_rough_step(s, c, laws, x, inputs, i, time, sens, mode, part):
     """Carry x, sensitivities and mode over one part of a sample under inputs[i]."""
     w, p, u = c.series, c.poly, inputs[i]
-    whole, rest, events, fresh, failed = s.spans[part], s.spans[part], 0, 0, 0
+    whole, rest, events, just_switched, shortened = s.part_lengths[part], s.part_lengths[part], 0, 0, 0
     for r in range(s.nx):
-        if not abs(x[r]) < FAR:
-            failed = PATIENCE + 1  # it has run away: no torque is worth a search
+        if not abs(x[r]) < DIVERGED_STATE:
+            shortened = MAX_SHORTENED_STRETCHES + 1  # it has diverged: the torques are not solved for
     for f in range(s.nf):
         if mode[s.ng + f] == 1:
-            for q in range(big.shape[1]):
-                big[s.slip_rows[f], q] = 0.0
+            for q in range(sens.shape[1]):
+                sens[s.slip_rows[f], q] = 0.0
     while rest > 0.0:
-        set_hold(s, c, laws, time)
+        set_holding_torque(s, c, laws, time)
         k = lookup(s, c, mode, part)
-        a, net = c.flow[k], c.net[k]
-        begin(s, laws, x, time, mode)
-        if not c.rate[k] * rest < STIFF or failed > PATIENCE:
-            rest_columns(s, laws, x, mode, big)
-            unlocated_step(s, c, x, inputs, i, big, mode, part, k, rest)
+        a, net = c.a_matrix[k], c.net_torque[k]
+        hold_start_torques(s, laws, x, time, mode)
+        if not c.rate[k] * rest < MAX_LOCATED_RATE or shortened > MAX_SHORTENED_STRETCHES:
+            constant_torque_columns(s, laws, x, mode, sens)
+            unlocated_step(s, c, x, inputs, i, sens, mode, part, k, rest)
             break
         h, element, digit = min(rest, 0.5 / max(c.rate[k], 1e-300)), -1, 0
-        while not collocate(s, laws, a, x, u, time, h, mode, w, c.vectors[3]) and h > SHORTEST * whole:
+        while not collocate(s, laws, a, x, u, time, h, mode, w, c.vectors[3]) and h > MIN_STRETCH_FRACTION * whole:
             h *= 0.5
-            failed += 1
-            begin(s, laws, x, time, mode)
+            shortened += 1
+            hold_start_torques(s, laws, x, time, mode)
         te = h
-        if events < MOST:
-            te, element, digit = next_event(s, c.hold, net, mode, x, u, w, p, h, fresh)
+        if events < MAX_EVENTS_PER_PART:
+            te, element, digit = next_event(s, c.holding_torque, net, mode, x, u, w, p, h, just_switched)
         if te > 0.0:
-            if big.shape[1] > 0:
-                stretch_columns(s, c, laws, a, x, u, time, h, te, mode, big)
+            if sens.shape[1] > 0:
+                stretch_columns(s, c, laws, a, x, u, time, h, te, mode, sens)
             for r in range(s.nx):
                 x[r] = horner(w[:, r], te)
-            fresh = 0
+            just_switched = 0
         rest = rest - te if te < rest else 0.0
         time += te
         if element >= 0:
-            side, dropped = 1.0 - mode[element], drop_friction(s, laws, element, x)
-            switch(s, c.hold, net, mode, x, u, big, element, digit)
+            side, dropped = 1.0 - mode[element], remove_friction_laws(s, laws, element, x)
+            switch_mode(s, c.holding_torque, net, mode, x, u, sens, element, digit)
             if element >= s.ng and side * (1.0 - mode[element]) < 0.0:
-                as_it_came(s, c.hold, net, element - s.ng, side, dropped, x, u, big)
-            fresh |= 1 << element
+                correct_saltation(s, c.holding_torque, net, element - s.ng, side, dropped, x, u, sens)
+            just_switched |= 1 << element
             events += 1
     for at in range(laws.first, s.nx, 3):
         x[at + 1] = x[at + 2] = x[at]  # the next part steps over torques at start, middle and end
 
 
 @njit(**COMPILE)
-def drop_friction(s, laws, element, x):
-    """Take the laws of a friction off the torque on its body, as `hold` has them; returns their sum."""
+def remove_friction_laws(s, laws, element, x):
+    """Subtract a friction's laws from the torque on its body: the holding torque has them. Returns their sum."""
     total = 0.0
     for m in range(laws.code.size):
         if laws.friction[m] >= 0 and s.ng + laws.friction[m] == element:
@@ -274,19 +278,19 @@ def drop_friction(s, laws, element, x):
 
 
 @njit(**COMPILE)
-def as_it_came(s, hold, net, f, side, dropped, x, u, big):
-    """Mend the saltation of a body that goes on through zero: the parabola's torque is what slowed it."""
-    load = load_on(net[f], x, u)
-    factor = (load - side * hold[f, 0]) / (load - side * s.level[f, 0] + dropped)
-    for q in range(big.shape[1]):
-        big[s.slip_rows[f], q] *= factor
+def correct_saltation(s, holding_torque, net, f, side, dropped, x, u, sens):
+    """Correct the saltation of a body that passes zero speed: the torque of the parabola decelerated it."""
+    load = net_load(net[f], x, u)
+    factor = (load - side * holding_torque[f, 0]) / (load - side * s.level[f, 0] + dropped)
+    for q in range(sens.shape[1]):
+        sens[s.slip_rows[f], q] *= factor
 
 
 @unit(SYSTEM, LAWS, REALS[1], REAL, WHOLES[1], REALS[2])
-def show(s, laws, x, time, mode, big):
-    """Put the torques of the laws, and their sensitivities, where an output can read them."""
+def show(s, laws, x, time, mode, sens):
+    """Write the torques of the laws, and their sensitivities, into the state, where an output reads them."""
     for m in range(laws.code.size):
-        law_at(laws, m, x, time, mode, s.ng, laws.found[0, m])
-        x[laws.first + 3 * m] = laws.found[0, m, 0]
-    if big.shape[1] > 0:
-        start_columns(s, laws, x, mode, big)
+        law_at(laws, m, x, time, mode, s.ng, laws.torque_jets[0, m])
+        x[laws.first + 3 * m] = laws.torque_jets[0, m, 0]
+    if sens.shape[1] > 0:
+        start_torque_columns(s, laws, x, mode, sens)

@@ -1,7 +1,7 @@
-"""A drive and a layout come in, and a plant goes out.
+"""Makes a plant of a drive and a layout.
 
-It takes the inputs of a record and gives outputs, residuals, sensitivities or a filtered record, by calls of the
-kernel.
+The plant calls the kernel with the inputs of a record and returns outputs, residuals, sensitivities or a filtered
+record.
 """
 
 import lazy_loader

@@ -1,2 +1,2 @@
 from .augment import plant_of as plant_of
-from .simulate import Filtered as Filtered, Gains as Gains, Plant as Plant, Trace as Trace
+from .simulate import Filtered as Filtered, ObserverGains as ObserverGains, Plant as Plant, Trace as Trace

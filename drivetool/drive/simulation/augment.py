@@ -1,7 +1,7 @@
-"""Smooth laws beside a piecewise affine system: three more states per law, and the arrays of the laws.
+"""Smooth laws added to a piecewise affine system: three more states per law, and the arrays of the laws.
 
-Over a stretch of time a law's torque is a parabola: value, slope and bend are states that feed
-one another, so the system stays piecewise affine and the exact kernel serves it.
+Over a stretch of time a law's torque is a parabola: value, slope and curvature are states, a chain of integrators.
+So the system stays piecewise affine, and the exact kernel simulates it.
 """
 
 from __future__ import annotations
@@ -9,19 +9,23 @@ from __future__ import annotations
 import numpy as np
 
 from drivetool.drive import Assembly, Drive, Dual, Law, Layout
-from drivetool.drive.arrays import MADE_FOR, MOST_LAWS, MOST_STATES, PARAMETERS, Laws, System
+from drivetool.drive.arrays import MADE_FOR, MAX_LAW_PARAMETERS, MAX_SIZED_LAWS, MOST_STATES, Laws, System
 from drivetool.drive.compile import address
 from drivetool.drive.effects import LAW_TORQUES
 from drivetool.drive.simulation.simulate import Plant
 
-CHAIN = 3  # states per law
-SHORTEST = 1e-3  # part of a sample: over none at all a parabola is not to be had
-FASTEST = 0.7  # rate of the modes times the longest stretch over which a parabola is good enough
-FADED = 2.0  # time constants in a sample, from which more of them make no difference
+STATES_PER_LAW = 3  # value, slope and curvature of a parabola
+# Shortest part of a sample before the dead time switches: a parabola over zero length is undefined.
+MIN_PART_FRACTION = 1e-3
+# Rate of the fastest mode times the longest piece of a sample. A choice: over longer pieces the parabola is too
+# inaccurate, shorter ones cost time.
+MAX_PIECE_RATE = 0.7
+# Time constants in a sample beyond which a faster decay needs no shorter piece: e^-2 is left at its end.
+MAX_DECAY_CONSTANTS = 2.0
 
 
 def plant_of(drive: Drive, layout: Layout) -> Plant:
-    """The drive as something that runs."""
+    """The drive with a layout, ready to simulate."""
     dead_time = drive.value("converter.dead_time") or 0.0
     system, laws = augmented(Assembly(drive, layout))
     return Plant(system, int(dead_time / layout.step + 1e-9), laws, drive.value("converter.interpolation") or 0.0)
@@ -32,64 +36,64 @@ def augmented(assembly: Assembly) -> tuple[System, Laws | None]:
     if not assembly.laws:
         return assembly.system(), None
     plain = assembly.system()
-    system = _widened(assembly, assembly.system(_pieces(plain), SHORTEST))
-    return system, _laws(assembly, system, plain.nx)
+    system = _with_law_states(assembly, assembly.system(_pieces(plain), MIN_PART_FRACTION))
+    return system, _law_arrays(assembly, system, plain.nx)
 
 
 def _pieces(s: System) -> int:
     """Into how many pieces a sample is cut: by the fastest mode with all contacts closed."""
-    flow = s.rows[:, :s.nx, 0] / s.mass[:, :1]
+    a_matrix = s.rows[:, :s.nx, 0] / s.mass[:, :1]
     for g in range(s.ng):
         for e in range(2):
             row = s.gap_rows[g, e]
-            flow[row] += s.gap_gain[g, e, 0] * s.spring[g, :, 0] / s.mass[row, 0]
-    modes = np.linalg.eigvals(flow) if np.isfinite(flow).all() else np.zeros(1)
-    # What swings much faster than the record is sampled leaves no trace in it, and what fades so fast no swing.
-    fading = np.minimum(np.abs(modes.real) * s.spans.max(), FADED)
-    rates = np.hypot(modes.imag * s.spans.max(), fading)
-    return int(np.clip(np.ceil(rates.max() / FASTEST), 1, 20))
+            a_matrix[row] += s.gap_gain[g, e, 0] * s.spring[g, :, 0] / s.mass[row, 0]
+    modes = np.linalg.eigvals(a_matrix) if np.isfinite(a_matrix).all() else np.zeros(1)
+    # An oscillation that is much faster than the sampling, or decays that fast, leaves no trace in the record.
+    decay = np.minimum(np.abs(modes.real) * s.part_lengths.max(), MAX_DECAY_CONSTANTS)
+    rates = np.hypot(modes.imag * s.part_lengths.max(), decay)
+    return int(np.clip(np.ceil(rates.max() / MAX_PIECE_RATE), 1, 20))
 
 
-def _widened(assembly: Assembly, s: System) -> System:
-    n, more, jet = s.nx, CHAIN * len(assembly.laws), 1 + s.nq
+def _with_law_states(assembly: Assembly, s: System) -> System:
+    n, more, jet = s.nx, STATES_PER_LAW * len(assembly.laws), 1 + s.nq
     nx = n + more
     rows = np.zeros((nx, s.rows.shape[1] + more, jet))
     rows[:n, :n], rows[:n, nx:] = s.rows[:, :n], s.rows[:, n:]
-    outputs = _wide(s.outputs, nx)
+    outputs = _padded_rows(s.outputs, nx)
     for m, law in enumerate(assembly.laws):
-        value = n + CHAIN * m
+        value = n + STATES_PER_LAW * m
         rows[value, value + 1, 0] = rows[value + 1, value + 2, 0] = 1.0
-        for row, factor in _acts_on(assembly, law):
+        for row, factor in _law_rows(assembly, law):
             rows[row, value] += factor.jet()
         for k, role in enumerate(assembly.layout.outputs):
             if law.shaft >= 0 and role.endswith("torque") and law.shaft == assembly.shaft_of(role):
                 outputs[k, value, 0] = 1.0
     mass = np.zeros((nx, jet))
     mass[:n], mass[n:, 0] = s.mass, 1.0
-    picks = np.where(outputs[:, n:, 0].any(axis=1), -1, s.picks)
-    return s._replace(rows=rows, mass=mass, spring=_wide(s.spring, nx), outputs=outputs, picks=picks,
+    picks = np.where(outputs[:, n:, 0].any(axis=1), -1, s.output_state)
+    return s._replace(rows=rows, mass=mass, spring=_padded_rows(s.spring, nx), outputs=outputs, output_state=picks,
                       memory=np.concatenate([s.memory, np.ones(more)]), nx=nx)
 
 
-def _wide(rows: np.ndarray, nx: int) -> np.ndarray:
+def _padded_rows(rows: np.ndarray, nx: int) -> np.ndarray:
     """rows (k, n, jet) over more states."""
-    found = np.zeros((rows.shape[0], nx, rows.shape[2]))
-    found[:, :rows.shape[1]] = rows
-    return found
+    padded = np.zeros((rows.shape[0], nx, rows.shape[2]))
+    padded[:, :rows.shape[1]] = rows
+    return padded
 
 
-def _acts_on(assembly: Assembly, law: Law) -> list[tuple[int, Dual]]:
+def _law_rows(assembly: Assembly, law: Law) -> list[tuple[int, Dual]]:
     """Rows that the torque of a law acts on, and the factor."""
     if law.shaft < 0:
         return [(law.body, assembly.number(1.0))]
     return [(law.shaft, -1.0 / assembly.shafts[law.shaft][2]), (law.shaft + 1, assembly.number(1.0))]
 
 
-def _laws(assembly: Assembly, s: System, first: int) -> Laws:
+def _law_arrays(assembly: Assembly, s: System, first: int) -> Laws:
     nl, jet = len(assembly.laws), 1 + s.nq
-    arguments, parameters = np.zeros((nl, 2, s.nx, jet)), np.zeros((nl, PARAMETERS, jet))
+    arguments, parameters = np.zeros((nl, 2, s.nx, jet)), np.zeros((nl, MAX_LAW_PARAMETERS, jet))
     gap, friction = np.full(nl, -1, np.int64), np.full(nl, -1, np.int64)
-    half, frictions = np.zeros((nl, jet)), sorted(assembly.frictions)
+    half_gap, frictions = np.zeros((nl, jet)), sorted(assembly.frictions)
     for m, law in enumerate(assembly.laws):
         for k, row in enumerate((law.first, law.second)):
             for column, factor in row.items():
@@ -98,21 +102,21 @@ def _laws(assembly: Assembly, s: System, first: int) -> Laws:
             parameters[m, k] = parameter.jet()
         if law.shaft in assembly.gaps:
             gap[m] = list(assembly.gaps).index(law.shaft)
-            half[m] = assembly.gaps[law.shaft].jet()
+            half_gap[m] = assembly.gaps[law.shaft].jet()
         if law.slides:
             friction[m] = frictions.index(law.body)
-    turns = arguments[..., 1:].any(axis=(1, 2, 3)).astype(np.int64)
+    arguments_vary = arguments[..., 1:].any(axis=(1, 2, 3)).astype(np.int64)
     code = np.array([list(LAW_TORQUES).index(law.name) for law in assembly.laws], np.int64)
     ns = s.ns
-    sized = f"_{first}_{nl}" if s.nu == 1 and first <= MOST_STATES and nl <= MOST_LAWS else ""
-    shown = bool(s.outputs[:, first:, 0].any())
+    sized = f"_{first}_{nl}" if s.nu == 1 and first <= MOST_STATES and nl <= MAX_SIZED_LAWS else ""
+    in_output = bool(s.outputs[:, first:, 0].any())
     return Laws(
-        code, arguments, parameters, gap, half, turns, friction, first, shown,
-        np.zeros((3, nl, 3 + PARAMETERS)), np.zeros((2 * nl, 2 * nl)), np.zeros((2 * nl, 2 * nl)),
+        code, arguments, parameters, gap, half_gap, arguments_vary, friction, first, in_output,
+        np.zeros((3, nl, 3 + MAX_LAW_PARAMETERS)), np.zeros((2 * nl, 2 * nl)), np.zeros((2 * nl, 2 * nl)),
         np.zeros((2 * nl, 1)), np.zeros((2 * nl, ns)),
         np.zeros((nl, s.nx)), np.zeros((nl, s.nx)), np.zeros((nl, s.nx)), np.zeros((first, ns)),
         np.zeros((3, s.nx, ns + 2 * nl)), np.zeros((2, s.nx, ns + 2 * nl)),
         address("law_torque"), *(address(unit + sized) for unit in ("law_motion", "law_columns", "law_transition")),
         *(address(f"{unit}_{first}" if first in MADE_FOR else unit) for unit in ("spread", "join")),
-        address("law_rough_step"), address("show") if shown else 0)
+        address("law_rough_step"), address("show") if in_output else 0)
 

@@ -1,4 +1,4 @@
-"""Simulation of a record: one call for every pass that an estimator or a check needs."""
+"""Simulation of a record: one method per pass that an estimator or a check needs."""
 
 from __future__ import annotations
 
@@ -7,10 +7,11 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from drivetool.drive.arrays import MADE_FOR, Cache, Filtering, Laws, Pass, System, empty_cache, packed, place_of
+from drivetool.drive.arrays import MADE_FOR, Cache, Filtering, Laws, Pass, System, address_of, empty_cache, packed
 from drivetool.drive.compile import address, function
 
-CHUNK = 8192  # samples whose sensitivities are in memory at a time
+# Samples whose sensitivities are in memory at a time. A choice: a few MB, and few calls per record.
+CHUNK_SAMPLES = 8192
 
 
 @dataclass(frozen=True)
@@ -21,9 +22,9 @@ class Trace:
     step     sample interval [s]
     name     of the recording
     origin   time of its first sample after the start of the recording [s]
-    record   number by which its recording is known
+    record   number of its recording
     lead     (m, nu) torques before its first sample, the latest last, as far as they are known
-    start    what is known of its start state: state -> value, the states named as in `Assembly`
+    start    known part of its start state: state -> value, the states named as in `Assembly`
     """
 
     inputs: np.ndarray
@@ -36,7 +37,7 @@ class Trace:
     start: Mapping[str, float] = field(default_factory=dict)
 
     def __post_init__(self):
-        for name in ("inputs", "outputs"):  # the kernel walks along the rows
+        for name in ("inputs", "outputs"):  # the kernel reads row by row
             object.__setattr__(self, name, np.ascontiguousarray(getattr(self, name), float))
 
     @property
@@ -46,7 +47,7 @@ class Trace:
 
 
 @dataclass(frozen=True)
-class Gains:
+class ObserverGains:
     """A frozen observer: gain (n, ny, nx), weight (n, ny) = 1/std of the innovations."""
 
     gain: np.ndarray
@@ -57,7 +58,7 @@ class Gains:
 class Filtered:
     """What a Kalman pass gives: gains, innovations (n, ny), their variance, filtered states."""
 
-    gains: Gains
+    gains: ObserverGains
     innovations: np.ndarray
     variance: np.ndarray
     states: np.ndarray
@@ -67,7 +68,7 @@ class Filtered:
 class Plant:
     """A system ready to run: the arrays, its smooth laws, the cache of its modes, the whole-sample delay.
 
-    interpolation  share of a straight line between the samples of the motor torque, the rest held
+    interpolation  weight of linear interpolation between samples of the motor torque; the rest is held constant
     """
 
     system: System
@@ -78,8 +79,9 @@ class Plant:
     tables: tuple[np.ndarray, ...] = field(init=False)
 
     def __post_init__(self):
-        exact, late = self.laws is None, self.system.early > 0 and self.system.delay.any()
-        address(self._part("run"))  # before its units, which are compiled beside it
+        exact, late = (
+            self.laws is None, self.system.parts_before_switch > 0 and self.system.dead_time_gradient.any())
+        address(self._unit_name("run"))  # before its units, which are compiled in parallel
         cache = empty_cache(self.system, self.laws, (
             address("work_out"), address("rough_step") if exact else 0, address("switch_late") if late else 0))
         object.__setattr__(self, "cache", cache)
@@ -92,17 +94,17 @@ class Plant:
         return self.system.plain
 
     def _call(self, name: str, record: Pass | Filtering, *numbers: float) -> int:
-        """Let a part of the kernel go over a record."""
+        """Run a unit of the kernel over a record."""
         tables = (*self.tables, packed(record))
-        return function(self._part(name))(*map(place_of, tables), *numbers)
+        return function(self._unit_name(name))(*map(address_of, tables), *numbers)
 
-    def _part(self, name: str) -> str:
-        """The part of the kernel that is made for this system."""
+    def _unit_name(self, name: str) -> str:
+        """Name of the kernel's unit that is compiled for this system's size."""
         if self.laws is not None:
             return f"{name}_laws"
         return f"{name}_{self.nx}" if self.system.nu == 1 and self.nx in MADE_FOR else name
 
-    def _start(self, start: np.ndarray) -> np.ndarray:
+    def _full_state(self, start: np.ndarray) -> np.ndarray:
         x = np.zeros(self.system.nx)
         x[:len(start)] = start
         return x
@@ -110,26 +112,26 @@ class Plant:
     def held(self, trace: Trace) -> tuple[np.ndarray, np.ndarray]:
         """(inputs of a sample, those before the dead time switches), each (n, nu).
 
-        Only the first input, the motor torque, is delayed and interpolated. Before the first torque that is
-        known it is taken as constant.
+        Only the first input, the motor torque, is delayed and interpolated. Before the first known torque it is
+        constant.
         """
         inputs = trace.inputs
         if self.interpolation > 0.0:
             inputs = inputs.copy()
             inputs[:-1, 0] += 0.5 * self.interpolation * np.diff(inputs[:, 0])
-        if self.system.early == 0:
+        if self.system.parts_before_switch == 0:
             return inputs, inputs
         now, late, k = inputs.copy(), inputs.copy(), self.delay_samples
-        known = inputs[:, 0] if trace.lead is None else np.concatenate([trace.lead[-k - 1:, 0], inputs[:, 0]])
-        index = np.arange(len(inputs)) + len(known) - len(inputs)
-        now[:, 0], late[:, 0] = known[np.maximum(index - k, 0)], known[np.maximum(index - k - 1, 0)]
+        torques = inputs[:, 0] if trace.lead is None else np.concatenate([trace.lead[-k - 1:, 0], inputs[:, 0]])
+        index = np.arange(len(inputs)) + len(torques) - len(inputs)
+        now[:, 0], late[:, 0] = torques[np.maximum(index - k, 0)], torques[np.maximum(index - k - 1, 0)]
         return now, late
 
-    def outputs(self, trace: Trace, start: np.ndarray, gains: Gains | None = None) -> np.ndarray:
+    def outputs(self, trace: Trace, start: np.ndarray, gains: ObserverGains | None = None) -> np.ndarray:
         """(n, ny) simulated outputs from the start state (nx,), with or without an observer."""
         return self.simulate(trace, start, gains)[0]
 
-    def simulate(self, trace: Trace, start: np.ndarray, gains: Gains | None = None,
+    def simulate(self, trace: Trace, start: np.ndarray, gains: ObserverGains | None = None,
                  keep: bool = False) -> tuple[np.ndarray, np.ndarray, int]:
         """(outputs (n, ny), states (n, nx) or (0, nx), samples with events)."""
         s, n = self.system, trace.size
@@ -137,18 +139,18 @@ class Plant:
         out = np.empty((n, s.ny))
         states = np.empty((n if keep else 0, s.nx))
         events = self._call("run", Pass(
-            u, late, trace.outputs, *_observer(s, gains, slice(None)), self._start(start), np.zeros((s.nx, 0)),
+            u, late, trace.outputs, *_observer(s, gains, slice(None)), self._full_state(start), np.zeros((s.nx, 0)),
             np.ones(s.ng + s.nf, np.int64), True, out, np.empty((0, s.ny, s.ns)), states), trace.origin)
         return out, states[:, :self.nx], events
 
-    def _first_columns(self) -> np.ndarray:
-        """(nx, ns) sensitivities at the start: those to the start states."""
+    def _initial_sensitivities(self) -> np.ndarray:
+        """(nx, ns) sensitivities at the start: the identity for the start states."""
         s, n = self.system, self.nx
-        big = np.zeros((s.nx, s.ns))
-        big[np.arange(n), s.nq + np.arange(n)] = 1.0
-        return big
+        sens = np.zeros((s.nx, s.ns))
+        sens[np.arange(n), s.nq + np.arange(n)] = 1.0
+        return sens
 
-    def normal_equations(self, trace: Trace, start: np.ndarray, gains: Gains | None = None,
+    def normal_equations(self, trace: Trace, start: np.ndarray, gains: ObserverGains | None = None,
                          weight: np.ndarray | None = None) -> np.ndarray:
         """(ns, ns) sum over samples of j' j, j = [parameters, start states, ..., residual].
 
@@ -161,45 +163,46 @@ class Plant:
             total += flat.T @ flat
         return total
 
-    def sensitivities(self, trace: Trace, start: np.ndarray, gains: Gains | None = None,
+    def sensitivities(self, trace: Trace, start: np.ndarray, gains: ObserverGains | None = None,
                       weight: np.ndarray | None = None) -> Iterator[tuple[slice, np.ndarray]]:
         """(samples, their weighted sensitivities (m, ny, ns)) a chunk at a time; the next overwrites the last."""
         s, n = self.system, trace.size
         u, late = self.held(trace)
-        x, mode = self._start(start), np.ones(s.ng + s.nf, np.int64)
-        big = self._first_columns()
-        jac = np.empty((min(n, CHUNK), s.ny, s.ns))
-        for a in range(0, n, CHUNK):
-            part = slice(a, min(n, a + CHUNK))
+        x, mode = self._full_state(start), np.ones(s.ng + s.nf, np.int64)
+        sens = self._initial_sensitivities()
+        jac = np.empty((min(n, CHUNK_SAMPLES), s.ny, s.ns))
+        for a in range(0, n, CHUNK_SAMPLES):
+            part = slice(a, min(n, a + CHUNK_SAMPLES))
             rows = jac[:part.stop - a]
             gain, scale = _observer(s, gains, part)
             if gains is None and weight is not None:
                 scale = np.broadcast_to(weight, (len(rows), s.ny)).copy()
-            self._call("run", Pass(u[part], late[part], trace.outputs[part], gain, scale, x, big, mode, a == 0,
+            self._call("run", Pass(u[part], late[part], trace.outputs[part], gain, scale, x, sens, mode, a == 0,
                            np.empty((len(rows), s.ny)), rows, np.empty((0, s.nx))), trace.origin + a * trace.step)
             yield part, rows
 
     def jacobian(self, trace: Trace, start: np.ndarray,
-                 gains: Gains | None = None) -> tuple[np.ndarray, np.ndarray]:
+                 gains: ObserverGains | None = None) -> tuple[np.ndarray, np.ndarray]:
         """(outputs (n, ny), weighted sensitivities (n, ny, ns)), all in memory."""
         s, n = self.system, trace.size
         u, late = self.held(trace)
-        big = self._first_columns()
+        sens = self._initial_sensitivities()
         out, jac = np.empty((n, s.ny)), np.empty((n, s.ny, s.ns))
-        self._call("run", Pass(u, late, trace.outputs, *_observer(s, gains, slice(None)), self._start(start), big,
-                       np.ones(s.ng + s.nf, np.int64), True, out, jac, np.empty((0, s.nx))), trace.origin)
+        self._call("run", Pass(
+            u, late, trace.outputs, *_observer(s, gains, slice(None)), self._full_state(start), sens,
+            np.ones(s.ng + s.nf, np.int64), True, out, jac, np.empty((0, s.nx))), trace.origin)
         return out, jac
 
     def filter(self, trace: Trace, start: np.ndarray, sensor: np.ndarray, torque: float,
-               extra: np.ndarray, covariance: np.ndarray | None = None,
-               keep: bool = True, kick: np.ndarray | None = None) -> Filtered:
+               added_variance: np.ndarray, covariance: np.ndarray | None = None,
+               keep: bool = True, noise_input: np.ndarray | None = None) -> Filtered:
         """Extended Kalman pass from the start state.
 
         sensor      (ny,) sensor variances; torque: torque noise variance per sample
-        extra       (nx,) variance added to each state per sample
+        added_variance (nx,)  per state and sample
         covariance  (nx, nx) of the start state; None: known exactly
-        keep        whether gains and states are wanted
-        kick        (nx,) what a torque noise of one leaves in each state after its sample; None: nothing
+        keep        whether gains and states are returned
+        noise_input (nx,) change of each state by a unit torque noise, after its sample; None: zero
         """
         s, n = self.system, trace.size
         u, late = self.held(trace)
@@ -208,14 +211,16 @@ class Plant:
         states = np.empty((n if keep else 0, s.nx))
         var, innov = np.empty((n, s.ny)), np.empty((n, s.ny))
         self._call("kalman", Filtering(
-            u, late, trace.outputs, sensor, extra, np.zeros(self.nx) if kick is None else kick, p,
-            self._start(start), np.ones(s.ng + s.nf, np.int64), gain, var, innov, states), torque, trace.origin)
-        # A covariance that is smaller than its rounding errors: nothing is foretold, and no point is less likely.
+            u, late, trace.outputs, sensor, added_variance,
+            np.zeros(self.nx) if noise_input is None else noise_input, p,
+            self._full_state(start), np.ones(s.ng + s.nf, np.int64), gain, var, innov, states),
+            torque, trace.origin)
+        # A covariance below its rounding errors: an infinite variance makes this point's likelihood the lowest.
         var[var <= 0.0] = np.inf
-        return Filtered(Gains(gain, 1.0 / np.sqrt(var)), innov, var, states[:, :self.nx])
+        return Filtered(ObserverGains(gain, 1.0 / np.sqrt(var)), innov, var, states[:, :self.nx])
 
 
-def _observer(s: System, gains: Gains | None, part: slice) -> tuple[np.ndarray, np.ndarray]:
+def _observer(s: System, gains: ObserverGains | None, part: slice) -> tuple[np.ndarray, np.ndarray]:
     if gains is None:
         return np.empty((0, s.ny, s.nx)), np.empty((0, s.ny))
     return gains.gain[part], gains.weight[part]

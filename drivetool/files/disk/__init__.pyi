@@ -1,4 +1,4 @@
-from .folders import SUFFIXES as SUFFIXES, recordings_in as recordings_in
+from .folders import RECORDING_SUFFIXES as RECORDING_SUFFIXES, recordings_in as recordings_in
 from .write import (
     check_folder as check_folder,
     check_target as check_target,

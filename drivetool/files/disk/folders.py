@@ -6,26 +6,25 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from drivetool.errors import BadOption
-from drivetool.logs.formats.tables import natural
+from drivetool.logs.formats.tables import natural_order
 
-# What writers of data sets leave beside the parts: Parquet's own summaries, and the mark of a job that has ended.
-OF_A_DATA_SET = ("_metadata", "_common_metadata", "_SUCCESS")
-SUFFIXES = (".parquet", ".mcap")
+# Files that writers of data sets leave beside the parts: Parquet's summaries, and the mark of a finished job.
+DATA_SET_MARKS = ("_metadata", "_common_metadata", "_SUCCESS")
+RECORDING_SUFFIXES = (".parquet", ".mcap")
 
 
 def recordings_in(logs: Sequence[str]) -> list[str]:
-    """The recordings behind words of the command line, those of a folder in the order of their names and numbers.
+    """The recordings that the command line names, those of a folder in the order of their names and numbers.
 
-    raises  BadOption: a folder without recordings, or with folders of recordings: several machines are no one
-            recording's neighbours
+    raises  BadOption: a folder without recordings, or with folders of recordings, which may be of several machines
     """
-    return [each for log in logs for each in (_in_folder(Path(log)) if Path(log).is_dir() else [log])]
+    return [each for log in logs for each in (_recordings_of_folder(Path(log)) if Path(log).is_dir() else [log])]
 
 
-def _in_folder(folder: Path) -> list[str]:
-    if any((folder / mark).exists() for mark in OF_A_DATA_SET):
+def _recordings_of_folder(folder: Path) -> list[str]:
+    if any((folder / mark).exists() for mark in DATA_SET_MARKS):
         return [str(folder)]
-    found = sorted((p for p in folder.iterdir() if _is_recording(p)), key=natural)
+    found = sorted((p for p in folder.iterdir() if _is_recording(p)), key=natural_order)
     below = sorted({p.relative_to(folder).parts[0] for p in folder.rglob("*") if _is_recording(p)}
                    - {p.name for p in found})
     if below:
@@ -39,4 +38,4 @@ def _in_folder(folder: Path) -> list[str]:
 
 def _is_recording(path: Path) -> bool:
     """By its name; hidden files are the file system's own."""
-    return path.suffix.lower() in SUFFIXES and not path.name.startswith(".")
+    return path.suffix.lower() in RECORDING_SUFFIXES and not path.name.startswith(".")

@@ -16,7 +16,7 @@ def check_target(path: str | Path) -> Path:
     raises  BadOption: the folder can neither be made nor written to, or the path is a folder
     """
     path = Path(path)
-    if _takes_bytes(path):
+    if _is_stream(path):
         return path
     folder = (Path(os.path.realpath(path)) if path.is_symlink() else path).parent
     if path.is_symlink() and not folder.is_dir():
@@ -33,13 +33,13 @@ def check_folder(folder: str | Path) -> None:
 
     raises  BadOption: it, or the folder to make it in, is none or gives no right to write
     """
-    there = Path(folder)
-    while not os.path.lexists(there):
-        there = there.parent
-    if not there.is_dir():
-        raise BadOption(f"a folder {folder} to write to", f"{there}, which is no folder", "Give another folder.")
-    if not os.access(there, os.W_OK):
-        raise BadOption(f"the right to write to the folder {there}", "none",
+    existing = Path(folder)
+    while not os.path.lexists(existing):
+        existing = existing.parent
+    if not existing.is_dir():
+        raise BadOption(f"a folder {folder} to write to", f"{existing}, which is no folder", "Give another folder.")
+    if not os.access(existing, os.W_OK):
+        raise BadOption(f"the right to write to the folder {existing}", "none",
                         "Change its rights, or give another path.")
 
 
@@ -69,7 +69,7 @@ def write_whole(path: str | Path, content: str | bytes) -> None:
     data = encoded(content)
     temporary, made = None, []
     try:
-        if _takes_bytes(path):
+        if _is_stream(path):
             with open(path, "wb") as stream:
                 stream.write(data)
             return
@@ -82,7 +82,7 @@ def write_whole(path: str | Path, content: str | bytes) -> None:
             stream.write(data)
             stream.flush()
             os.fsync(stream.fileno())
-        os.chmod(temporary, _mode(path))
+        os.chmod(temporary, _file_mode(path))
         os.replace(temporary, path)
     except BaseException as error:
         with contextlib.suppress(OSError):
@@ -101,12 +101,12 @@ def encoded(content: str | bytes) -> bytes:
     return content.encode("utf-8", "backslashreplace") if isinstance(content, str) else content
 
 
-def _takes_bytes(path: Path) -> bool:
+def _is_stream(path: Path) -> bool:
     """Whether it is a pipe or a device, which is written to and not replaced."""
     return path.exists() and not path.is_file() and not path.is_dir()
 
 
-def _mode(path: Path) -> int:
+def _file_mode(path: Path) -> int:
     """The rights of the file replaced, or those a new file would get."""
     try:
         return path.stat().st_mode & 0o777

@@ -1,6 +1,6 @@
-"""Takes exhibits and gives pictures: PNG files for a folder, SVG for a page.
+"""Takes plot data and gives pictures: PNG files for a folder, SVG for a page.
 
-Equal input gives equal bytes. A picture that knows how it is drawn draws itself.
+Equal input gives equal bytes. Plot data with a method `figure` draw themselves.
 """
 
 import lazy_loader

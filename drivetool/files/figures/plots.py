@@ -1,4 +1,4 @@
-"""Pictures of what a step saw: one PNG per exhibit, the same bytes for the same input."""
+"""Pictures of the results of a step: one PNG per plot data, the same bytes for the same input."""
 
 from __future__ import annotations
 
@@ -8,43 +8,43 @@ from io import BytesIO
 from pathlib import Path, PurePath
 
 from drivetool.files.disk import check_folder, make_folder, write_whole
-from drivetool.files.figures.exhibits import figure
-from drivetool.files.figures.look import STYLE, as_written, drawing
-from drivetool.identify.estimate import Exhibit
+from drivetool.files.figures.plot_kinds import figure
+from drivetool.files.figures.plot_style import STYLE, drawing_style, without_math_text
+from drivetool.identify.estimate import PlotData
 from drivetool.logs import Experiment
 
-PER_ROUND = ("diagnosis-candidates",)
+KINDS_PER_ROUND = ("diagnosis-candidates",)
 
 
-def draw_all(exhibits: Sequence[Exhibit], folder: str | Path, step: str,
+def draw_all(plots: Sequence[PlotData], folder: str | Path, step: str,
              records: Sequence[str] = ()) -> list[str]:
-    """Draw every exhibit.
+    """Draw all plot data.
 
-    exhibits  what the step saw; those of one kind in the order of the records
-    folder    made if it is missing, also for no exhibits
-    step      name of the step, the first part of every file name
-    records   names of the recordings
-    returns   the file names
+    plots    plot data of the step; those of one kind in the order of the records
+    folder   made if it is missing, also without plot data
+    step     name of the step, the first part of every file name
+    records  names of the recordings
+    returns  the file names
     """
     check_folder(folder)
     make_folder(folder)
-    names = file_names(exhibits, step, records)
-    for exhibit, name in zip(exhibits, names, strict=True):
-        write_whole(Path(folder) / name, png(exhibit))
+    names = picture_names(plots, step, records)
+    for plot, name in zip(plots, names, strict=True):
+        write_whole(Path(folder) / name, png(plot))
     return names
 
 
-def file_names(exhibits: Sequence[Exhibit], step: str, records: Sequence[str]) -> list[str]:
-    """'greybox-steps-record.png'; numbers where there is not one exhibit per record, but per round, say."""
-    many = Counter(exhibit.kind for exhibit in exhibits)
+def picture_names(plots: Sequence[PlotData], step: str, records: Sequence[str]) -> list[str]:
+    """'greybox-steps-record.png'; numbers where there is not one plot per record, but one per round, say."""
+    many = Counter(each.kind for each in plots)
     stems = [PurePath(record).stem for record in records]
     seen: Counter[str] = Counter()
     names = []
-    for exhibit in exhibits:
-        kind = exhibit.kind
+    for plot in plots:
+        kind = plot.kind
         index = seen[kind]
         seen[kind] += 1
-        if kind in PER_ROUND:
+        if kind in KINDS_PER_ROUND:
             part = f"-round-{index + 1}"
         elif many[kind] == len(stems) == len(set(stems)):
             part = f"-{stems[index]}"
@@ -54,20 +54,20 @@ def file_names(exhibits: Sequence[Exhibit], step: str, records: Sequence[str]) -
     return names
 
 
-def png(exhibit: Exhibit) -> bytes:
+def png(plot: PlotData) -> bytes:
     """The picture as PNG bytes without anything that changes from run to run."""
     from matplotlib.backends.backend_agg import FigureCanvasAgg
 
-    with drawing(STYLE):
-        drawn = as_written(figure(exhibit))
+    with drawing_style(STYLE):
+        drawn = without_math_text(figure(plot))
         buffer = BytesIO()
         FigureCanvasAgg(drawn).print_png(buffer, metadata={"Software": None})
     return buffer.getvalue()
 
 
-def exhibit_of(experiment: Experiment) -> Exhibit:
-    """The recording itself, for when there is no fit to show."""
+def recording_plot(experiment: Experiment) -> PlotData:
+    """The recording itself, where there is no fit to show."""
     time = experiment.time
-    return Exhibit("recording", f"Recording {experiment.name}", "time [s]", "",
+    return PlotData("recording", f"Recording {experiment.name}", "time [s]", "",
                    {f"{role.replace('_', ' ')} [{experiment.unit(role)}]": (time, values)
                     for role, values in experiment.signals.items()})

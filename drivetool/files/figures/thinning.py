@@ -15,14 +15,14 @@ def decimated(x: np.ndarray, y: np.ndarray, bins: int = 1200) -> tuple[np.ndarra
              is drawn over what was not recorded
     """
     x, y = np.asarray(x, float), np.asarray(y, float)
-    edges = [0, *(_gaps(x) + 1), len(x)]
-    parts = [_thinned(x[a:b], y[a:b], len(x), bins) for a, b in pairwise(edges)]
+    edges = [0, *(_gap_places(x) + 1), len(x)]
+    parts = [_thinned_stretch(x[a:b], y[a:b], len(x), bins) for a, b in pairwise(edges)]
     for k in range(len(parts) - 1, 0, -1):
         parts.insert(k, (x[edges[k] - 1:edges[k]], np.array([np.nan])))
     return np.concatenate([part[0] for part in parts]), np.concatenate([part[1] for part in parts])
 
 
-def _gaps(x: np.ndarray) -> np.ndarray:
+def _gap_places(x: np.ndarray) -> np.ndarray:
     """Places after which evenly spaced samples have a gap; none where they are not evenly spaced."""
     steps = np.diff(x)
     if len(steps) < 3:
@@ -33,11 +33,11 @@ def _gaps(x: np.ndarray) -> np.ndarray:
     return np.flatnonzero(wide) if np.mean(even | wide) == 1.0 and even.mean() > 0.9 else np.empty(0, int)
 
 
-def _thinned(x: np.ndarray, y: np.ndarray, of: int, bins: int) -> tuple[np.ndarray, np.ndarray]:
+def _thinned_stretch(x: np.ndarray, y: np.ndarray, total: int, bins: int) -> tuple[np.ndarray, np.ndarray]:
     """A stretch of a curve of so many samples; bins of the whole."""
-    if of <= 2 * bins:
+    if total <= 2 * bins:
         return x, y
-    width = -(-of // bins)
+    width = -(-total // bins)
     rows = np.pad(y, (0, -len(y) % width), mode="edge").reshape(-1, width)
     base = np.arange(len(rows)) * width
     low = np.argmin(np.where(np.isnan(rows), np.inf, rows), axis=1) + base

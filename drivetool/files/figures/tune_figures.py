@@ -10,11 +10,12 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
-    from drivetool.tune import Frequencies, Hunting, LoadStep, Plane, SpreadPicture
+    from drivetool.tune import Frequencies, LimitCyclePlotData, LoadStep, Plane, SpreadPicture
 
-from drivetool.files.figures.look import BLUE, CYCLE, GREEN, GREY, INK, ORANGE, RED
+from drivetool.files.figures.plot_style import BLUE, CYCLE, GREEN, GREY, INK, ORANGE, RED
 
-LINES = (-6.0, -3.0, 0.0, 1.0, 3.0, 6.0, 12.0, 20.0)  # dB of |S| in a Nichols chart
+# dB of |S| in a Nichols chart. A choice: 3 and 6 dB are the usual limits of Ms, the others show the margin to them.
+SENSITIVITY_LEVELS = (-6.0, -3.0, 0.0, 1.0, 3.0, 6.0, 12.0, 20.0)
 
 
 def plane(picture: Plane) -> Figure:
@@ -89,9 +90,10 @@ def load_step(picture: LoadStep) -> Figure:
     for label, (time, low, high) in picture.bands.items():
         upper.fill_between(1e3 * time, low, high, color=BLUE, alpha=0.22, linewidth=0, zorder=1,
                            label=f"{label}, 90 % of the drives that the uncertainty allows")
-    for (label, (time, speed)), colour in zip(picture.speeds.items(), _colours(picture.speeds), strict=False):
+    for (label, (time, speed)), colour in zip(picture.speeds.items(), _curve_colours(picture.speeds), strict=False):
         upper.plot(1e3 * time, speed, color=colour, label=label, zorder=2 + (label == "load speed"))
-    for (label, (time, torque)), colour in zip(picture.torques.items(), _colours(picture.torques), strict=False):
+    for (label, (time, torque)), colour in zip(picture.torques.items(), _curve_colours(picture.torques),
+                                               strict=False):
         lower.plot(1e3 * time, torque, color=colour, label=label)
     upper.axhline(0.0, color="#5c6269", linewidth=0.8)
     upper.set_title(picture.title)
@@ -104,7 +106,7 @@ def load_step(picture: LoadStep) -> Figure:
     return drawn
 
 
-def _colours(curves) -> tuple[str, ...]:
+def _curve_colours(curves) -> tuple[str, ...]:
     return (GREY, BLUE) if list(curves) == ["motor speed", "load speed"] else CYCLE
 
 
@@ -116,16 +118,17 @@ def nichols(picture: Frequencies) -> Figure:
     axis = drawn.subplots()
     low, high = -32.0, 32.0
     first = next(iter(picture.curves.values()))[1]
-    phases = [_phase(loop) for _, loop in picture.curves.values()]
-    left = max(-720.0, min(p[_near(c[1])].min() for p, c in zip(phases, picture.curves.values(), strict=True)))
+    phases = [_phase_degrees(loop) for _, loop in picture.curves.values()]
+    left = max(-720.0, min(p[_in_picture(c[1])].min()
+                           for p, c in zip(phases, picture.curves.values(), strict=True)))
     left = 90.0 * np.floor(left / 90.0)
     _equal_sensitivity(axis, left, picture.limit, low, high)
     for k, (label, (_, loop)) in enumerate(picture.curves.items()):
         axis.plot(phases[k], 20.0 * np.log10(np.abs(loop)), label=label, zorder=4 if k == 0 else 3,
-                  **_variation_look(k, label))
+                  **_variation_style(k, label))
     for turn in range(-3, 1):
         axis.plot(-180.0 + 360.0 * turn, 0.0, "+", color=RED, markersize=11, markeredgewidth=2, zorder=5)
-    axis.set_xlim(left, max(-60.0, float(np.ceil(_phase(first)[_near(first)].max() / 30.0)) * 30.0))
+    axis.set_xlim(left, max(-60.0, float(np.ceil(_phase_degrees(first)[_in_picture(first)].max() / 30.0)) * 30.0))
     axis.set_ylim(low, high)
     axis.set_xlabel("phase of the loop [deg]")
     axis.set_ylabel("gain of the loop [dB]")
@@ -134,12 +137,12 @@ def nichols(picture: Frequencies) -> Figure:
     return drawn
 
 
-def _near(loop: np.ndarray) -> np.ndarray:
+def _in_picture(loop: np.ndarray) -> np.ndarray:
     """Where the gain is in the picture."""
     return np.abs(20.0 * np.log10(np.abs(loop))) < 30.0
 
 
-def _phase(loop: np.ndarray) -> np.ndarray:
+def _phase_degrees(loop: np.ndarray) -> np.ndarray:
     """Unwrapped, beginning between -360 and 0 degrees."""
     phase = np.rad2deg(np.unwrap(np.angle(loop)))
     return phase - 360.0 * np.ceil(phase[0] / 360.0)
@@ -150,7 +153,7 @@ def _equal_sensitivity(axis: Axes, left: float, limit: float, low: float, high: 
     phase, gain = np.meshgrid(np.linspace(left, 0.0, 721), np.linspace(low, high, 401))
     loop = 10.0 ** (gain / 20.0) * np.exp(1j * np.deg2rad(phase))
     size = -20.0 * np.log10(np.maximum(np.abs(1.0 + loop), 1e-6))
-    lines = axis.contour(phase, gain, size, levels=LINES, colors="#b9bec4", linewidths=0.8)
+    lines = axis.contour(phase, gain, size, levels=SENSITIVITY_LEVELS, colors="#b9bec4", linewidths=0.8)
     axis.clabel(lines, fmt=lambda v: f"{v:g} dB", fontsize=7)
     bound = 20.0 * np.log10(limit)
     axis.contourf(phase, gain, size, levels=[bound, 200.0], colors=[RED], alpha=0.13)
@@ -167,7 +170,7 @@ def sensitivity(picture: Frequencies) -> Figure:
     for k, (label, (frequency, loop)) in enumerate(picture.curves.items()):
         size = 1.0 / np.abs(1.0 + loop)
         axis.plot(frequency, 20.0 * np.log10(size), label=f"{label}: Ms {size.max():.3g}",
-                  zorder=4 if k == 0 else 3, **_variation_look(k, label))
+                  zorder=4 if k == 0 else 3, **_variation_style(k, label))
         edges.append(frequency[np.argmax(size > 0.03)])
     axis.axhline(20.0 * np.log10(picture.limit), color=RED, linestyle="--", linewidth=1.1)
     axis.text(0.005, 20.0 * np.log10(picture.limit) + 0.4, f"limit {picture.limit:g}", color=RED, fontsize=8,
@@ -185,8 +188,8 @@ def sensitivity(picture: Frequencies) -> Figure:
     return drawn
 
 
-def _variation_look(k: int, label: str) -> dict[str, object]:
-    """The nominal loop stands out; what was lowered is dashed."""
+def _variation_style(k: int, label: str) -> dict[str, object]:
+    """The nominal loop stands out; loops with a lowered parameter are dashed."""
     if k == 0:
         return {"color": INK, "linewidth": 2.0}
     colours = {"stiffness": BLUE, "inertia": GREEN, "dead_time": ORANGE}
@@ -228,8 +231,8 @@ def spread(picture: SpreadPicture) -> Figure:
     return drawn
 
 
-def hunting(picture: Hunting) -> Figure:
-    """Speeds and torque after the kick, one column per situation."""
+def hunting(picture: LimitCyclePlotData) -> Figure:
+    """Speeds and torque after the disturbance of the load, one column per situation."""
     from matplotlib.figure import Figure
 
     n = len(picture.watches)
@@ -245,9 +248,9 @@ def hunting(picture: Hunting) -> Figure:
         for side in (1e3, -1e3) if picture.half_gap else ():
             lower.axhline(side * picture.half_gap, color=GREY, linestyle="--", linewidth=0.9)
         cycle = watch.cycle
-        said = (f"hunts: +-{cycle.amplitude:.3g} {picture.speed_unit} at {cycle.frequency:.3g} Hz"
-                if cycle.hunts else "comes to rest")
-        upper.set_title(f"{cycle.situation}\n{said}", fontsize=8.5, color=RED if cycle.hunts else INK)
+        caption = (f"hunts: +-{cycle.amplitude:.3g} {picture.speed_unit} at {cycle.frequency:.3g} Hz"
+                   if cycle.hunts else "comes to rest")
+        upper.set_title(f"{cycle.situation}\n{caption}", fontsize=8.5, color=RED if cycle.hunts else INK)
         lower.set_xlabel("time after the kick [s]")
         lower.set_xlim(0.0, watch.time[-1])
     axes[0, 0].set_ylabel(f"speed less its mean [{picture.speed_unit}]")

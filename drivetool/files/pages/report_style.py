@@ -1,4 +1,4 @@
-"""The look of the page: one column on a phone, tables that scroll, figures that do not break in print."""
+"""The style of the page: one column on a phone, tables that scroll, figures that do not break in print."""
 
 CSS = """
 :root { color-scheme: light; --ink: #2b2f33; --soft: #5c6269; --rule: #d9dde1; --blue: #1763a6; --tint: #f5f7f9; }

@@ -7,8 +7,8 @@ from .diagnosis_input import (
     check_holdout as check_holdout,
     verdict_finding as verdict_finding,
 )
-from .gains import controller as controller, gains_file as gains_file, load_gains as load_gains
-from .inspection import exhibit as exhibit, inspection_file as inspection_file
+from .gains import controller_of as controller_of, gains_file as gains_file, load_gains as load_gains
+from .inspection import channel_plot as channel_plot, inspection_file as inspection_file
 from .parquet_file import recording_bytes as recording_bytes, table_bytes as table_bytes
 from .result_file import (
     Inputs as Inputs,

@@ -1,4 +1,4 @@
-"""Two parameter files as the sides of one drive, and what came of holding them against each other."""
+"""Two parameter files as the sides of one drive, and the file of their comparison."""
 
 from __future__ import annotations
 
@@ -11,32 +11,32 @@ from drivetool.drive import Drive
 from drivetool.errors import BadParameters
 from drivetool.files.results.result_file import Inputs, file_sections, finding_sections, tool_section
 from drivetool.files.shapes import analysis_shapes as shapes
-from drivetool.files.yaml import Loaded, plain
+from drivetool.files.yaml import Loaded, to_plain
 from drivetool.identify.estimate import Covariance
 from drivetool.identify.several import Figure, Side, Swap, SwapLine
-from drivetool.logs import numbered
+from drivetool.logs import number_duplicates
 
 
 def sides_of(first: Loaded, second: Loaded) -> tuple[Side, Side]:
     """Both files as sides.
 
     first, second  one file each
-    raises         BadParameters: no values, a variance that is none, or one recording behind both files
+    raises         BadParameters: no values, a variance that is not positive, or one recording behind both files
     """
     recordings = {entry.sha256: entry.file for entry in first.sources[0].file.data}
-    shared = [recordings[e.sha256] for e in second.sources[0].file.data if e.sha256 in recordings]
-    if shared:
-        raise BadParameters("two files from recordings of their own", f"{shared[0]} behind both",
+    common_records = [recordings[e.sha256] for e in second.sources[0].file.data if e.sha256 in recordings]
+    if common_records:
+        raise BadParameters("two files from recordings of their own", f"{common_records[0]} behind both",
                             "Identify each side from a recording in which its own motor moves the drive.")
-    one, other = numbered([_shown(loaded) for loaded in (first, second)])
-    return _side(first, one), _side(second, other)
+    one, other = number_duplicates([_display_name(loaded) for loaded in (first, second)])
+    return _side_of(first, one), _side_of(second, other)
 
 
-def _shown(loaded: Loaded) -> str:
+def _display_name(loaded: Loaded) -> str:
     return "standard input" if loaded.sources[0].name == "-" else loaded.sources[0].name
 
 
-def _side(loaded: Loaded, name: str) -> Side:
+def _side_of(loaded: Loaded, name: str) -> Side:
     drive, file = loaded.drive(), loaded.sources[0].file
     if not drive.values:
         raise BadParameters("parameters with values", f"none in {name}",
@@ -44,18 +44,18 @@ def _side(loaded: Loaded, name: str) -> Side:
     reasons = {n: section.reason for n, section in loaded.sections(drive).items()}
     derived = {} if file.derived is msgspec.UNSET else {
         n: Figure(f.value, f.unit, f.std or None, f.reason) for n, f in file.derived.items()}
-    return Side(name, drive, reasons, _covariance(loaded, drive, name), derived)
+    return Side(name, drive, reasons, _full_covariance(loaded, drive, name), derived)
 
 
-def _covariance(loaded: Loaded, drive: Drive, name: str) -> Covariance | None:
-    """Of all that has a standard deviation; what stands in no covariance section counts as uncorrelated."""
+def _full_covariance(loaded: Loaded, drive: Drive, name: str) -> Covariance | None:
+    """Of all values with a standard deviation; those in no covariance section count as uncorrelated."""
     known = loaded.covariance(drive) or Covariance((), np.zeros((0, 0)))
-    alone = {n: std for n, std in loaded.stds(drive).items() if n in drive.values and n not in known.names}
-    names = (*known.names, *alone)
+    single_stds = {n: std for n, std in loaded.stds(drive).items() if n in drive.values and n not in known.names}
+    names = (*known.names, *single_stds)
     matrix = np.zeros((len(names), len(names)))
     k = len(known.names)
     matrix[:k, :k] = 0.5 * (known.matrix + known.matrix.T)
-    matrix[range(k, len(names)), range(k, len(names))] = np.square(list(alone.values()))
+    matrix[range(k, len(names)), range(k, len(names))] = np.square(list(single_stds.values()))
     wrong = [n for n, v in zip(names, np.diag(matrix), strict=True) if not 0.0 < v < np.inf]
     if wrong or not np.isfinite(matrix).all():
         raise BadParameters("variances above zero in the covariance", f"another one in {name}",
@@ -64,19 +64,19 @@ def _covariance(loaded: Loaded, drive: Drive, name: str) -> Covariance | None:
 
 
 def swap_file(found: Swap, inputs: Inputs = ()) -> shapes.ComparisonFile:
-    """The comparison as it is read by `show`."""
+    """The comparison as `show` reads it."""
     return shapes.ComparisonFile(
         schema=shapes.COMPARISON_SCHEMA, tool=tool_section(), step="compare", outcome=found.outcome,
         structures=[], cross=[], spread=[], differences=[], swap=shapes.SwapSection(
-            first=found.first, second=found.second, lines=[_line(each) for each in found.lines],
-            derived=[_line(each) for each in found.derived], chi_square=plain(found.chi_square),
-            degrees=found.degrees, p=plain(found.p), agree=found.agree),
+            first=found.first, second=found.second, lines=[_swap_line_section(each) for each in found.lines],
+            derived=[_swap_line_section(each) for each in found.derived], chi_square=to_plain(found.chi_square),
+            degrees=found.degrees, p=to_plain(found.p), agree=found.agree),
         findings=finding_sections(found.findings), data=[], inputs=file_sections(inputs), options={"swap": True})
 
 
-def _line(line: SwapLine) -> shapes.SwapLineSection:
+def _swap_line_section(line: SwapLine) -> shapes.SwapLineSection:
     """A line as a section."""
-    content = plain(asdict(line))
+    content = to_plain(asdict(line))
     for pair in ("values", "stds"):
         content[pair] = tuple(content[pair])
     return shapes.SwapLineSection(**content, differs=line.differs)

@@ -11,15 +11,15 @@ from drivetool.check.outcome import CandidateResult, Diagnosis, Gain, State
 from drivetool.drive import Drive
 from drivetool.files.results.result_file import Inputs, estimate_file, parameter_section
 from drivetool.files.shapes import parameter_shapes as shapes
-from drivetool.files.yaml import plain
+from drivetool.files.yaml import to_plain
 from drivetool.identify.estimate import Parameter
 
-# Whether the record can show a cause that ended in this state.
-_SHOWN: Mapping[State, bool | None] = {"not-shown": False, "failed": None, "in-the-model": None}
+# Whether a cause that ended in this state is detectable in the record; None: unknown.
+_DETECTABLE: Mapping[State, bool | None] = {"not-shown": False, "failed": None, "in-the-model": None}
 
 
 def diagnosis_file(diagnosis: Diagnosis, inputs: Inputs = ()) -> shapes.ParameterFile:
-    """The parameter file of the extended drive, with what was found.
+    """The parameter file of the extended drive, with the diagnosis.
 
     inputs  (name, sha256) of the parameter files that were read
     """
@@ -35,17 +35,17 @@ def diagnosis_section(diagnosis: Diagnosis) -> shapes.DiagnosisSection:
     return shapes.DiagnosisSection(
         verdict=diagnosis.verdict, sentence=diagnosis.sentence, causes=list(diagnosis.causes),
         between=list(diagnosis.between), closest=list(diagnosis.closest), experiment=diagnosis.experiment,
-        evidence={code: _number(value) for code, value in diagnosis.evidence.items()},
-        gain=_gain(diagnosis.gain),
-        candidates=[_candidate(each, n, drive) for n, one in rounds for each in one.candidates],
-        rounds=[shapes.RoundSection(round=n, cause=one.cause, gain=_gain(one.gain)) for n, one in rounds],
-        rule=diagnosis.rule, facts={n: _number(v) if isinstance(v, float) else v
+        evidence={code: _finite(value) for code, value in diagnosis.evidence.items()},
+        gain=_gain_section(diagnosis.gain),
+        candidates=[_candidate_section(each, n, drive) for n, one in rounds for each in one.candidates],
+        rounds=[shapes.RoundSection(round=n, cause=one.cause, gain=_gain_section(one.gain)) for n, one in rounds],
+        rule=diagnosis.rule, facts={n: _finite(v) if isinstance(v, float) else v
                                     for n, v in diagnosis.facts.plain().items()})
 
 
 def sections_before(sections: Mapping[str, shapes.ParameterSection],
                     drive: Drive) -> dict[str, shapes.ParameterSection]:
-    """What the files said, in the units of the drive, for a table of before and after."""
+    """The parameters of the files, in the units of the drive, for a table of before and after."""
     found = {}
     for name, entry in sections.items():
         value = drive.values.get(name)
@@ -55,40 +55,40 @@ def sections_before(sections: Mapping[str, shapes.ParameterSection],
     return found
 
 
-def _candidate(found: CandidateResult, number: int, drive: Drive) -> shapes.CandidateSection:
+def _candidate_section(found: CandidateResult, number: int, drive: Drive) -> shapes.CandidateSection:
     """One candidate of one round; its parameters in the units they were fitted in."""
     units = {p.name: p.unit for p in found.parameters}
     return shapes.CandidateSection(
         code=found.code, round=number, law=found.law, state=found.state,
-        shown=_SHOWN.get(found.state, True), gain=_number(found.gain), gain_std=_number(found.gain_std),
-        evidence=_number(found.evidence), reason=found.reason,
-        smallest={name: shapes.SizeSection(value=_number(value), unit=units.get(name, _unit(drive, name)))
+        shown=_DETECTABLE.get(found.state, True), gain=_finite(found.gain), gain_std=_finite(found.gain_std),
+        evidence=_finite(found.evidence), reason=found.reason,
+        smallest={name: shapes.SizeSection(value=_finite(value), unit=units.get(name, _parameter_unit(drive, name)))
                   for name, value in found.smallest.items()},
-        parameters=_parameters(found.parameters))
+        parameters=_parameter_sections(found.parameters))
 
 
-def _parameters(parameters: Iterable[Parameter]) -> dict[str, shapes.ParameterSection]:
+def _parameter_sections(parameters: Iterable[Parameter]) -> dict[str, shapes.ParameterSection]:
     """By name, in the order in which they were fitted."""
     return {p.name: parameter_section(p) for p in parameters}
 
 
-def _gain(gain: Gain | None) -> shapes.GainSection | None:
+def _gain_section(gain: Gain | None) -> shapes.GainSection | None:
     """Figures that are not finite become null."""
     if gain is None:
         return None
-    interval = gain.on_a_fresh_record
+    interval = gain.further_record_interval
     return shapes.GainSection(
-        **{key: value if isinstance(value, str) else _number(value)
+        **{key: value if isinstance(value, str) else _finite(value)
            for key, value in asdict(gain).items() if key not in ("blocks", "rmse_bar")},
-        rmse_gain_ci95=None if interval is None else tuple(map(_number, interval)))
+        rmse_gain_ci95=None if interval is None else tuple(map(_finite, interval)))
 
 
-def _unit(drive: Drive, name: str) -> str | None:
-    """Of a parameter that the drive has; a channel's offset, for example, is none."""
+def _parameter_unit(drive: Drive, name: str) -> str | None:
+    """The unit of a drive parameter; None for others, such as a channel's offset."""
     return drive.unit(name) if name in drive.quantities else None
 
 
-def _number(value: float | None) -> float | None:
+def _finite(value: float | None) -> float | None:
     """A finite float with the digits that files have, or None."""
-    found = plain(value)
+    found = to_plain(value)
     return None if found is None else float(found)

@@ -1,4 +1,4 @@
-"""From tuned gains to the file, and back to what a replay needs."""
+"""From tuned gains to the gains file, and back to the controller for a replay."""
 
 from __future__ import annotations
 
@@ -14,10 +14,10 @@ from drivetool.drive import Drive
 from drivetool.errors import BadOption
 from drivetool.files.results.result_file import drive_section, file_sections, finding_sections, tool_section
 from drivetool.files.shapes import gains_shapes as shapes
-from drivetool.files.yaml import checked, from_yaml, plain, read_bytes
+from drivetool.files.yaml import checked, from_yaml, read_bytes, to_plain
 from drivetool.tune import Design, Gains, Ratings
 from drivetool.tune.optimisation import SpeedFactors
-from drivetool.tune.speed_loop import SHARE, Settings, Wiring
+from drivetool.tune.speed_loop import SHAFT_TORQUE_SHARE, Settings, Wiring
 
 Inputs = Sequence[tuple[str, str]]
 
@@ -28,21 +28,21 @@ def gains_file(gains: Gains, inputs: Inputs = (), options: dict[str, object] | N
     inputs   (name, sha256) of the parameter files
     options  of the command line, as they were used
     """
-    asked, drive = gains.options, gains.drive
-    ratings = asked.ratings and {
-        "torque": shapes.Figure(value=asked.ratings.torque, unit=drive.torque_unit),
-        "speed": shapes.Figure(value=asked.ratings.speed, unit=f"{drive.motion_unit}/s")}
+    used, drive = gains.options, gains.drive
+    ratings = used.ratings and {
+        "torque": shapes.Figure(value=used.ratings.torque, unit=drive.torque_unit),
+        "speed": shapes.Figure(value=used.ratings.speed, unit=f"{drive.motion_unit}/s")}
     return shapes.GainsFile(
         schema=shapes.GAINS_SCHEMA, tool=tool_section(), step="tune", outcome=gains.outcome,
         drive=drive_section(drive),
-        criterion=shapes.CriterionSection(name=asked.criterion.name, weights=dict(asked.criterion.weights)),
+        criterion=shapes.CriterionSection(name=used.criterion.name, weights=dict(used.criterion.weights)),
         constraint=shapes.ConstraintSection(
-            max_sensitivity=float(asked.limits.sensitivity), max_gain=_finite(asked.limits.gain),
-            confidence=asked.confidence),
+            max_sensitivity=float(used.limits.sensitivity), max_gain=_finite(used.limits.gain),
+            confidence=used.confidence),
         best=gains.best.wiring.configuration,
-        designs=[_design(drive, design, gains) for design in gains.designs],
+        designs=[_design_section(drive, design, gains) for design in gains.designs],
         findings=finding_sections(gains.findings), inputs=file_sections(inputs), ratings=ratings,
-        options=plain(options or {}))
+        options=to_plain(options or {}))
 
 
 def load_gains(path: str | Path, stdin: BinaryIO | None = None) -> tuple[str, str, shapes.GainsFile]:
@@ -54,8 +54,8 @@ def load_gains(path: str | Path, stdin: BinaryIO | None = None) -> tuple[str, st
     return name, hashlib.sha256(data).hexdigest(), checked.gains_file(from_yaml(data, name), name)
 
 
-def controller(file: shapes.GainsFile, name: str, configuration: str | None = None) -> tuple[Wiring, Settings]:
-    """The wiring and settings of a design: the one asked for, else the best.
+def controller_of(file: shapes.GainsFile, name: str, configuration: str | None = None) -> tuple[Wiring, Settings]:
+    """The wiring and settings of a design: the requested one, else the best.
 
     raises  BadOption: the file has no such design
     """
@@ -70,7 +70,7 @@ def controller(file: shapes.GainsFile, name: str, configuration: str | None = No
             Settings(design.gains.kp.value, design.gains.ti.value, second))
 
 
-def _design(drive: Drive, design: Design, gains: Gains) -> shapes.DesignSection:
+def _design_section(drive: Drive, design: Design, gains: Gains) -> shapes.DesignSection:
     """One design in SI and per unit."""
     base, settings, kind = gains.options.ratings, design.settings, design.wiring.configuration
     unit = f"{drive.torque_unit} s/{drive.motion_unit}"
@@ -83,15 +83,16 @@ def _design(drive: Drive, design: Design, gains: Gains) -> shapes.DesignSection:
         kp=kp(settings.gain), ti=_seconds(settings.integral_time),
         kp2=kp(settings.second * settings.gain) if kind == "miso" else None,
         ti2=_seconds(settings.second * settings.integral_time) if kind == "miso" else None,
-        k3=shapes.Figure(value=SHARE, unit="") if kind == "mimo" else None)
+        k3=shapes.Figure(value=SHAFT_TORQUE_SHARE, unit="") if kind == "mimo" else None)
     margins = design.margins
     return shapes.DesignSection(
         configuration=kind, motors=list(design.wiring.motors), speed_filter=_seconds(design.wiring.speed_filter),
-        dead_time_form=design.wiring.dead_time, gains=section, criterion_value=_criterion(drive, design, gains),
+        dead_time_form=design.wiring.dead_time, gains=section,
+        criterion_value=_criterion_value(drive, design, gains),
         active=design.active,
         factors=shapes.FactorsSection(
-            load_speed=_speed(drive, design.factors.load, base),
-            motor_speed=_speed(drive, design.factors.motor, base),
+            load_speed=_speed_section(drive, design.factors.load, base),
+            motor_speed=_speed_section(drive, design.factors.motor, base),
             torque_overshoot_percent={k: float(v) for k, v in design.factors.torque_overshoot.items()}),
         margins=shapes.MarginsSection(
             max_sensitivity=margins.max_sensitivity,
@@ -102,11 +103,12 @@ def _design(drive: Drive, design: Design, gains: Gains) -> shapes.DesignSection:
         variations=[shapes.VariationSection(
             change=v.label, max_sensitivity=_finite(v.max_sensitivity), impact_drop=_finite(v.impact_drop),
             overshoot_percent=_finite(v.overshoot)) for v in design.variations],
-        spread=_spread(design), kept=design.kept,
-        hunting=[_hunting(asdict(watch.cycle)) for watch in design.watches], gain_without_cycle=design.safe_gain)
+        spread=_spread_section(design), kept=design.kept,
+        hunting=[_cycle_section(asdict(watch.cycle)) for watch in design.watches],
+        gain_without_cycle=design.safe_gain)
 
 
-def _speed(drive: Drive, speed: SpeedFactors, base: Ratings | None) -> shapes.SpeedSection:
+def _speed_section(drive: Drive, speed: SpeedFactors, base: Ratings | None) -> shapes.SpeedSection:
     """Figures of a unit step; per unit for a step of the rated torque, in % of the rated speed."""
     q, t = drive.motion_unit, drive.torque_unit
     scale = 100.0 * base.torque / base.speed if base else None
@@ -123,7 +125,7 @@ def _speed(drive: Drive, speed: SpeedFactors, base: Ratings | None) -> shapes.Sp
         iae=figure(speed.iae, drop, "% s"))
 
 
-def _criterion(drive: Drive, design: Design, gains: Gains) -> shapes.Figure:
+def _criterion_value(drive: Drive, design: Design, gains: Gains) -> shapes.Figure:
     """The criterion's value; its unit where it is of the load speed alone."""
     wanted, base = gains.options.criterion, gains.options.ratings
     if dict(wanted.weights) != {"load_speed": 1.0}:
@@ -139,7 +141,7 @@ def _criterion(drive: Drive, design: Design, gains: Gains) -> shapes.Figure:
                          per_unit=scale and design.value * scale**2, per_unit_unit=f"%^2 {time}" if scale else "")
 
 
-def _spread(design: Design) -> shapes.SpreadSection | None:
+def _spread_section(design: Design) -> shapes.SpreadSection | None:
     spread = design.spread
     return spread and shapes.SpreadSection(
         draws=spread.draws, unphysical=spread.unphysical, unstable=spread.unstable,
@@ -148,7 +150,7 @@ def _spread(design: Design) -> shapes.SpreadSection | None:
                    for name, levels in spread.quantiles.items()})
 
 
-def _hunting(cycle: dict[str, object]) -> shapes.HuntingSection:
+def _cycle_section(cycle: dict[str, object]) -> shapes.HuntingSection:
     names = {"frequency": "frequency_hz", "load_swing": "load_amplitude", "torque_swing": "torque_amplitude"}
     return shapes.HuntingSection(**{names.get(key, key): value for key, value in cycle.items()})
 

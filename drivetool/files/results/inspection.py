@@ -1,4 +1,4 @@
-"""What `inspect` found, as a file and a picture."""
+"""The result of `inspect`, as a file and a picture."""
 
 from __future__ import annotations
 
@@ -14,13 +14,13 @@ from drivetool.files.shapes import (
     InspectionFile,
     PartSection,
 )
-from drivetool.identify.estimate import Exhibit
-from drivetool.logs import Source, began
-from drivetool.logs.clocks import FAR
+from drivetool.identify.estimate import PlotData
+from drivetool.logs import Source, start_date
+from drivetool.logs.clocks import MAX_ABS_TIME
 from drivetool.logs.door import ChannelReport, Inspection
 
-# More panels than this are no picture.
-PANELS = 12
+# A choice: at about one inch a panel, more of them are taller than a screen or a page.
+MAX_PANELS = 12
 
 
 def inspection_file(found: Inspection, findings: list[FindingSection]) -> InspectionFile:
@@ -28,7 +28,7 @@ def inspection_file(found: Inspection, findings: list[FindingSection]) -> Inspec
     experiment = found.experiment
     section = None
     if experiment is not None:
-        # The grid of a rate goes on over the others.
+        # The grid of one rate continues over the stretches of the others.
         samples = experiment.used if experiment.others else experiment.size
         section = ExperimentSection(
             step=experiment.step, samples=samples, segments=len(experiment.segments),
@@ -38,13 +38,14 @@ def inspection_file(found: Inspection, findings: list[FindingSection]) -> Inspec
             input_units=dict(experiment.input_units) or UNSET)
     recording = found.recording
     return InspectionFile(
-        schema=INSPECTION_SCHEMA, origin=recording.origin, channels=[_section(each) for each in found.channels],
+        schema=INSPECTION_SCHEMA, origin=recording.origin,
+        channels=[_channel_section(each) for each in found.channels],
         unreadable=dict(recording.unreadable), experiment=section, findings=findings,
         data=file_sections([experiment.source if experiment else
-                            Source(recording.name, recording.sha256, began(recording.origin))]))
+                            Source(recording.name, recording.sha256, start_date(recording.origin))]))
 
 
-def _section(report: ChannelReport) -> ChannelSection:
+def _channel_section(report: ChannelReport) -> ChannelSection:
     longest = max((after - before for before, after in report.gaps), default=0.0)
     return ChannelSection(
         name=report.name, unit=report.unit, role=report.role, samples=report.samples, missing=report.missing,
@@ -53,15 +54,15 @@ def _section(report: ChannelReport) -> ChannelSection:
         quantum=report.quantum, spikes=len(report.spikes), held=report.held, clock=report.clock)
 
 
-def exhibit(found: Inspection) -> Exhibit:
+def channel_plot(found: Inspection) -> PlotData:
     """The channels over time with gaps and spikes; those with a role first, then as many as fit."""
     ordered = sorted(found.channels, key=lambda report: report.role is None)
-    shown = [report for report in ordered if report.least is not None][:PANELS]
+    drawn = [report for report in ordered if report.least is not None][:MAX_PANELS]
     curves: dict[str, tuple[np.ndarray, np.ndarray]] = {}
-    for report in shown:
+    for report in drawn:
         channel = found.recording.channels[report.name]
         order = np.argsort(channel.time, kind="stable")
-        order = order[np.abs(channel.time[order]) < FAR]
+        order = order[np.abs(channel.time[order]) < MAX_ABS_TIME]
         time, values = channel.time[order], channel.values[order]
         label = f"{report.role or report.name} [{report.unit or '?'}]"
         while label in curves:
@@ -71,6 +72,7 @@ def exhibit(found: Inspection) -> Exhibit:
             curves[f"spikes {label}"] = channel.time[report.spikes], channel.values[report.spikes]
         if report.gaps:
             curves[f"gaps {label}"] = tuple(np.array(report.gaps).T)
-    left = len(found.channels) - len(shown)
-    title = f"{found.recording.name}: {len(found.channels)} channels" + (f", {left} not shown" if left else "")
-    return Exhibit("channels", title, "time from the origin of the log [s]", "", curves)
+    omitted = len(found.channels) - len(drawn)
+    title = (f"{found.recording.name}: {len(found.channels)} channels"
+             + (f", {omitted} not shown" if omitted else ""))
+    return PlotData("channels", title, "time from the origin of the log [s]", "", curves)

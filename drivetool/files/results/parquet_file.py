@@ -31,15 +31,15 @@ def recording_bytes(recording: Recording) -> bytes:
     else:
         sizes = [len(c.values) for c in channels.values()]
 
-        def spread(texts):
+        def dictionary_column(texts):
             # Each text once: of a dictionary that repeats one, Arrow writes bits that were never set.
             kinds = list(dict.fromkeys(texts))
             codes = np.repeat(np.array([kinds.index(text) for text in texts], np.int32), sizes)
             return pa.DictionaryArray.from_arrays(codes, pa.array(kinds, pa.string()))
 
-        arrays = [spread(list(channels)), pa.array(np.concatenate([c.time for c in channels.values()])),
+        arrays = [dictionary_column(list(channels)), pa.array(np.concatenate([c.time for c in channels.values()])),
                   pa.array(np.concatenate([c.values for c in channels.values()])),
-                  spread([c.unit for c in channels.values()])]
+                  dictionary_column([c.unit for c in channels.values()])]
         fields = [pa.field("channel", arrays[0].type), pa.field("time", pa.float64(), metadata={"unit": "s"}),
                   pa.field("value", pa.float64()), pa.field("unit", arrays[3].type)]
         table = pa.table(arrays, schema=pa.schema(fields, metadata))

@@ -14,12 +14,12 @@ from drivetool.check.validation import RecordCheck, Validation
 from drivetool.drive import TOTALS, Drive, is_constant
 from drivetool.errors import Finding
 from drivetool.files.shapes import parameter_shapes as shapes
-from drivetool.files.yaml import plain, to_json, to_yaml
+from drivetool.files.yaml import to_json, to_plain, to_yaml
 from drivetool.finding_codes import DOUBTING
-from drivetool.identify.estimate import Z95, Covariance, Estimate, FoundLaw, Parameter, Starts, derived
+from drivetool.identify.estimate import Z95, Covariance, Estimate, FoundLaw, Parameter, Starts, derived_figures_of
 
 TAKEN_OVER = "taken over, not used in this step"
-OF_RUN_DOWNS = ("rmse_counts", "nrmse_mean", "sensor_rmse", "parameters_rmse")
+COAST_DOWN_FIGURES = ("rmse_counts", "nrmse_mean", "sensor_rmse", "parameters_rmse")
 Form = Literal["yaml", "json"]
 Inputs = Sequence[tuple[str, str]]
 
@@ -42,7 +42,7 @@ def dump_validation(validation: Validation, inputs: Inputs = (), form: Form = "y
 def dump(file: shapes.Shape, form: Form = "yaml") -> str:
     """A file as text, keys in the order of its type."""
     document = msgspec.to_builtins(file)
-    if document.get("diagnosis", "") is None:  # only diagnose has something to say there
+    if document.get("diagnosis", "") is None:  # only diagnose fills it
         del document["diagnosis"]
     return to_json(document) if form == "json" else to_yaml(document)
 
@@ -51,16 +51,16 @@ def estimate_file(estimate: Estimate, inputs: Inputs = (),
                   carried: Mapping[str, shapes.Shape] | None = None) -> shapes.ParameterFile:
     """The parameter file of an estimate, every value of its drive included.
 
-    carried  sections of the files that were read which no estimator changes: ratings, controller
+    carried  sections of the input files that no estimator changes: ratings, controller
     """
     drive = replace(estimate.drive, values={**estimate.drive.constants, **estimate.drive.values})
-    known = [_told_apart(p, drive) for p in estimate.parameters]
+    known = [_stated_once(p, drive) for p in estimate.parameters]
     if any(f.code in DOUBTING for f in estimate.findings):
         known = [replace(p, reason=p.reason or shapes.IF_COMPLETE) if p.std is not None else p for p in known]
     parameters = {p.name: parameter_section(p) for p in known}
     for name, value in drive.values.items():
         if name not in parameters:
-            # Or the next step would lose what an earlier one found.
+            # Otherwise the next step would lose the results of an earlier one.
             reason = f"inputs in {drive.input_unit} are multiplied by it" if is_constant(name) else TAKEN_OVER
             parameters[name] = parameter_section(Parameter(
                 name, value, drive.unit(name), status="held", reason=reason))
@@ -69,12 +69,13 @@ def estimate_file(estimate: Estimate, inputs: Inputs = (),
         schema=shapes.PARAMETERS_SCHEMA, tool=tool_section(), step=estimate.step, outcome=estimate.outcome,
         drive=drive_section(drive),
         parameters={n: parameters[n] for n in sorted(parameters, key=lambda n: order.get(n, len(order)))},
-        derived=_derived(estimate) or msgspec.UNSET, explanation=estimate.explanation or msgspec.UNSET,
-        laws=_laws(estimate.laws) or msgspec.UNSET,
-        fit=plain(estimate.fit), starts=_starts(estimate.starts), findings=finding_sections(estimate.findings),
-        covariance=_covariance(estimate.covariance), noise=plain(estimate.noise), **(carried or {}),
-        details=plain(estimate.details), records=file_sections(drive.records.items()) or msgspec.UNSET,
-        data=file_sections(estimate.data), inputs=file_sections(inputs), options=plain(estimate.options))
+        derived=_derived_sections(estimate) or msgspec.UNSET, explanation=estimate.explanation or msgspec.UNSET,
+        laws=_law_sections(estimate.laws) or msgspec.UNSET,
+        fit=to_plain(estimate.fit), starts=_starts_section(estimate.starts),
+        findings=finding_sections(estimate.findings),
+        covariance=_covariance_section(estimate.covariance), noise=to_plain(estimate.noise), **(carried or {}),
+        details=to_plain(estimate.details), records=file_sections(drive.records.items()) or msgspec.UNSET,
+        data=file_sections(estimate.data), inputs=file_sections(inputs), options=to_plain(estimate.options))
 
 
 def validation_file(validation: Validation, inputs: Inputs = ()) -> shapes.ValidationFile:
@@ -85,13 +86,13 @@ def validation_file(validation: Validation, inputs: Inputs = ()) -> shapes.Valid
         checks=[_check_section(check) for check in validation.checks],
         findings=finding_sections(validation.findings), data=file_sections(validation.data),
         inputs=file_sections(inputs),
-        options=plain(validation.options))
+        options=to_plain(validation.options))
 
 
 def _check_section(check: RecordCheck) -> shapes.CheckSection:
-    """One check; figures of run-downs alone are left out of others."""
-    entry = plain(asdict(check))
-    return shapes.CheckSection(**{k: v for k, v in entry.items() if k not in OF_RUN_DOWNS or v is not None})
+    """One check; figures of coast-downs are left out of others."""
+    entry = to_plain(asdict(check))
+    return shapes.CheckSection(**{k: v for k, v in entry.items() if k not in COAST_DOWN_FIGURES or v is not None})
 
 
 def drive_section(drive: Drive) -> shapes.DriveSection:
@@ -104,13 +105,13 @@ def drive_section(drive: Drive) -> shapes.DriveSection:
 
 def parameter_section(parameter: Parameter) -> shapes.ParameterSection:
     """One parameter; what is not finite becomes null with a reason."""
-    entry: dict[str, Any] = plain(asdict(parameter))
+    entry: dict[str, Any] = to_plain(asdict(parameter))
     del entry["name"]
     for key in ("value", "start", "std"):
-        entry[key] = _float(entry[key])
+        entry[key] = _as_float(entry[key])
     for key in ("std_noise", "std_structure", "std_between", "repeatability"):
-        entry[key] = msgspec.UNSET if entry[key] is None else _float(entry[key])
-    entry["ci95"] = entry["ci95"] and tuple(map(_float, entry["ci95"]))
+        entry[key] = msgspec.UNSET if entry[key] is None else _as_float(entry[key])
+    entry["ci95"] = entry["ci95"] and tuple(map(_as_float, entry["ci95"]))
     if not entry["reason"]:
         if entry["value"] is None:
             entry["reason"] = "no finite value" if math.isnan(parameter.value) else "absent (infinite)"
@@ -119,28 +120,29 @@ def parameter_section(parameter: Parameter) -> shapes.ParameterSection:
     return shapes.ParameterSection(**entry)
 
 
-def _derived(estimate: Estimate) -> dict[str, shapes.DerivedSection]:
-    """What follows from the parameters."""
-    return {p.name: shapes.DerivedSection(plain(p.value), p.unit, plain(p.std), plain(p.ci95), p.reason)
-            for p in (*estimate.ratios, *derived(estimate.drive, estimate.parameters, estimate.covariance,
-                                                 estimate.options.get("hold", ())))}
+def _derived_sections(estimate: Estimate) -> dict[str, shapes.DerivedSection]:
+    """The figures derived from the parameters."""
+    return {p.name: shapes.DerivedSection(to_plain(p.value), p.unit, to_plain(p.std), to_plain(p.ci95), p.reason)
+            for p in (*estimate.ratios,
+                      *derived_figures_of(estimate.drive, estimate.parameters, estimate.covariance,
+                                          estimate.options.get("hold", ())))}
 
 
-def _laws(laws: Sequence[FoundLaw]) -> list[shapes.LawSection]:
+def _law_sections(laws: Sequence[FoundLaw]) -> list[shapes.LawSection]:
     """The laws with their intervals."""
     return [shapes.LawSection(
-        name=law.name, factors=plain(list(law.factors)),
-        ci95=[(plain(f - Z95 * s), plain(f + Z95 * s)) for f, s in zip(law.factors, law.std, strict=True)])
+        name=law.name, factors=to_plain(list(law.factors)),
+        ci95=[(to_plain(f - Z95 * s), to_plain(f + Z95 * s)) for f, s in zip(law.factors, law.std, strict=True)])
         for law in laws]
 
 
-def _float(value: float | None) -> float | None:
-    """A whole number as a float, so that its form in the file does not depend on luck."""
+def _as_float(value: float | None) -> float | None:
+    """A whole number as a float, so that equal values have one form in the file."""
     return None if value is None else float(value)
 
 
-def _told_apart(parameter: Parameter, drive: Drive) -> Parameter:
-    """A part whose total the drive has, or the reverse, has no value: a file must not say it twice."""
+def _stated_once(parameter: Parameter, drive: Drive) -> Parameter:
+    """A part whose total the drive has, or the reverse, has no value: a file states each quantity once."""
     for total, suffix in TOTALS.items():
         parts = [f"{body}.{suffix}" for body in drive.bodies]
         others = parts if parameter.name == total else [total] if parameter.name in parts else []
@@ -151,11 +153,11 @@ def _told_apart(parameter: Parameter, drive: Drive) -> Parameter:
     return parameter
 
 
-def _covariance(covariance: Covariance | None) -> shapes.CovarianceSection | None:
+def _covariance_section(covariance: Covariance | None) -> shapes.CovarianceSection | None:
     """Rows and columns that are finite; None if nothing is left."""
     if covariance is None:
         return None
-    matrix = plain(covariance.matrix)
+    matrix = to_plain(covariance.matrix)
     keep = [i for i, row in enumerate(matrix) if row[i] is not None]
     rows = [[matrix[i][j] for j in keep] for i in keep]
     if not keep or any(value is None for row in rows for value in row):
@@ -163,15 +165,15 @@ def _covariance(covariance: Covariance | None) -> shapes.CovarianceSection | Non
     return shapes.CovarianceSection(names=[covariance.names[i] for i in keep], matrix=rows)
 
 
-def _starts(starts: Starts | None) -> shapes.StartsSection | None:
-    """How the starts agreed; None where there was no choice."""
-    return None if starts is None else shapes.StartsSection(**plain(asdict(starts)))
+def _starts_section(starts: Starts | None) -> shapes.StartsSection | None:
+    """The agreement of the multi-start; None without several starts."""
+    return None if starts is None else shapes.StartsSection(**to_plain(asdict(starts)))
 
 
 def finding_sections(findings: Iterable[Finding]) -> list[shapes.FindingSection]:
     """In the order in which they were found."""
     return [shapes.FindingSection(
-        severity=f.severity, code=f.code, text=f.text, evidence=plain(f.evidence), action=f.action)
+        severity=f.severity, code=f.code, text=f.text, evidence=to_plain(f.evidence), action=f.action)
         for f in findings]
 
 

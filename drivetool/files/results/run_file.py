@@ -1,4 +1,4 @@
-"""What a model says about a record, as a Parquet table that every step can read like a recording."""
+"""The simulation of a record, as a Parquet table that every step can read like a recording."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from drivetool.check.validation import ModelRun
 def run_table(run: ModelRun, about: Mapping[str, str]) -> bytes:
     """A column per role, the unit in its field metadata; the same run gives the same bytes.
 
-    about    what the table says of itself: record, its sha256, models
+    about    metadata of the table: record, its sha256, models
     returns  time [s]; inputs as logged; every output as simulated, under the name of its role; what
              was measured of them as <role>_measured, null where there was no value
     """

@@ -11,10 +11,10 @@ import numpy as np
 from drivetool.files.disk import write_whole
 from drivetool.files.results.result_file import file_sections, finding_sections, tool_section
 from drivetool.files.shapes import analysis_shapes as shapes
-from drivetool.files.yaml import plain
+from drivetool.files.yaml import to_plain
 from drivetool.identify.frequency import Response, Spectrum
 
-COLUMNS = ("frequency", "magnitude", "phase", "real", "imaginary", "noise_std", "total_std", "spread_std",
+CURVE_COLUMNS = ("frequency", "magnitude", "phase", "real", "imaginary", "noise_std", "total_std", "spread_std",
     "coherence")
 
 
@@ -23,29 +23,30 @@ def spectra_file(spectrum: Spectrum, curves: str | None = None) -> shapes.Spectr
     m = spectrum.mean
     return shapes.SpectraFile(
         schema=shapes.SPECTRA_SCHEMA, tool=tool_section(), step="spectra", outcome=spectrum.outcome,
-        input=spectrum.input, output=spectrum.output, unit=spectrum.unit, settings=plain(spectrum.settings),
+        input=spectrum.input, output=spectrum.output, unit=spectrum.unit, settings=to_plain(spectrum.settings),
         lines=len(m.frequency), first_hz=float(m.frequency[0]), last_hz=float(m.frequency[-1]),
-        coherence=plain({"median": float(np.median(m.coherence)), "least": float(m.coherence.min()),
+        coherence=to_plain({"median": float(np.median(m.coherence)), "least": float(m.coherence.min()),
                          "share_below_half": float(np.mean(m.coherence < 0.5))}),
-        uncertainty=plain({"noise": _median(m.noise, m.g), "with_distortion": _median(m.total, m.g),
-                           "over_runs": None if spectrum.spread is None else _median(spectrum.spread**2, m.g)}),
-        peaks=[shapes.PeakSection(**plain(dict(p))) for p in spectrum.peaks],
-        distortion=[shapes.DistortionSection(**plain(asdict(d)),
+        uncertainty=to_plain({"noise": _relative_std(m.noise, m.g), "with_distortion": _relative_std(m.total, m.g),
+                           "over_runs": None if spectrum.spread is None else _relative_std(spectrum.spread**2,
+                                                                                           m.g)}),
+        peaks=[shapes.PeakSection(**to_plain(dict(p))) for p in spectrum.peaks],
+        distortion=[shapes.DistortionSection(**to_plain(asdict(d)),
             below_signal_db=d.below_signal_db if d.seen else None)
                     for d in spectrum.distortion],
-        feedback=plain({"share": spectrum.feedback.share, "p": spectrum.feedback.p}), curves=curves,
+        feedback=to_plain({"share": spectrum.feedback.share, "p": spectrum.feedback.p}), curves=curves,
         findings=finding_sections(spectrum.findings), data=file_sections(spectrum.data),
-        options=plain(spectrum.options))
+        options=to_plain(spectrum.options))
 
 
-def _median(variance: np.ndarray, g: np.ndarray) -> float | None:
+def _relative_std(variance: np.ndarray, g: np.ndarray) -> float | None:
     """Median of std over magnitude; None where there is none."""
     known = np.isfinite(variance)
     return float(np.median(np.sqrt(np.maximum(variance[known], 0.0)) / np.abs(g[known]))) if known.any() else None
 
 
 def curves_bytes(spectrum: Spectrum) -> bytes:
-    """All curves as a Parquet file: run ("all" or a recording), then COLUMNS; NaN where there is none.
+    """All curves as a Parquet file: run ("all" or a recording), then CURVE_COLUMNS; NaN where there is none.
 
     Variances are of the complex value, E|error|^2; each of its two parts has half of it.
     """
@@ -56,16 +57,16 @@ def curves_bytes(spectrum: Spectrum) -> bytes:
     parts += [(name, r, None) for name, r in spectrum.runs] if len(spectrum.runs) > 1 else []
     units = {"frequency": "Hz", "phase": "rad", "coherence": "1"}
     run = [name for name, r, _ in parts for _ in r.frequency]
-    table = np.hstack([_columns(r, spread) for _, r, spread in parts])
+    table = np.hstack([_curve_columns(r, spread) for _, r, spread in parts])
     fields = [pa.field("run", pa.string())] + [
-        pa.field(name, pa.float64(), metadata={"unit": units.get(name, spectrum.unit)}) for name in COLUMNS]
+        pa.field(name, pa.float64(), metadata={"unit": units.get(name, spectrum.unit)}) for name in CURVE_COLUMNS]
     buffer = BytesIO()
     pq.write_table(pa.table([pa.array(run), *table], schema=pa.schema(fields)), buffer, compression="zstd")
     return buffer.getvalue()
 
 
-def _columns(r: Response, spread: np.ndarray | None) -> np.ndarray:
-    """(9, n) in the order of COLUMNS."""
+def _curve_columns(r: Response, spread: np.ndarray | None) -> np.ndarray:
+    """(9, n) in the order of CURVE_COLUMNS."""
     missing = np.full(len(r.frequency), np.nan)
     return np.array([
         r.frequency, np.abs(r.g), np.angle(r.g), r.g.real, r.g.imag, np.sqrt(np.maximum(r.noise, 0.0)),

@@ -148,4 +148,4 @@ class ComparisonFile(Shape):
     swap: Annotated[SwapSection, Meta(description="of --swap alone")] | UnsetType = UNSET
 
 
-KINDS = {SPECTRA_SCHEMA: SpectraFile, COMPARISON_SCHEMA: ComparisonFile}
+ANALYSIS_FILES = {SPECTRA_SCHEMA: SpectraFile, COMPARISON_SCHEMA: ComparisonFile}

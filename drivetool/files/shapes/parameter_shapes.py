@@ -8,6 +8,7 @@ import msgspec
 from msgspec import UNSET, Meta, UnsetType
 
 from drivetool.check.outcome import State, Verdict
+from drivetool.finding_codes import RENAMED
 
 PARAMETERS_SCHEMA = "drivetool/parameters/1"
 VALIDATION_SCHEMA = "drivetool/validation/1"
@@ -112,6 +113,10 @@ class FindingSection(Shape):
     evidence: Annotated[
         dict[str, float | int | str | None], Meta(description="the numbers behind it")] = {}
     action: Annotated[str, Meta(description="what to do about it")] = ""
+
+    def __post_init__(self) -> None:
+        """The present code in the place of one that an earlier version wrote."""
+        msgspec.structs.force_setattr(self, "code", RENAMED.get(self.code, self.code))
 
 
 class FileSection(Shape):

@@ -17,7 +17,7 @@ from drivetool.files.shapes.site_shapes import SiteFile
 from drivetool.files.shapes.trend_shapes import TrendsFile
 from drivetool.logs.channels import ChannelMapFile
 
-TITLES = {
+SCHEMA_TITLES = {
     "parameters": "drivetool parameter file",
     "validation": "drivetool validation file",
     "gains": "drivetool gains file",
@@ -30,8 +30,8 @@ TITLES = {
 }
 
 
-def kinds() -> dict[str, type]:
-    """Kind of file -> its type, as in TITLES."""
+def file_types() -> dict[str, type]:
+    """Kind of file -> its type, as in SCHEMA_TITLES."""
     return {"parameters": shapes.ParameterFile, "validation": shapes.ValidationFile,
             "channel-map": ChannelMapFile, "inspection": InspectionFile, "spectra": analysis_shapes.SpectraFile,
             "comparison": analysis_shapes.ComparisonFile, "gains": GainsFile, "site": SiteFile,
@@ -40,21 +40,21 @@ def kinds() -> dict[str, type]:
 
 def schemas() -> dict[str, str]:
     """File name -> JSON Schema text, sorted."""
-    return {f"{name}.json": _text(TITLES[name], shape) for name, shape in kinds().items()}
+    return {f"{name}.json": _schema_text(SCHEMA_TITLES[name], shape) for name, shape in file_types().items()}
 
 
 def schema_of(shape: type) -> dict:
     """JSON Schema of a type of file; of several types one may have, null comes last."""
-    return _ordered(msgspec.json.schema(shape))
+    return _stable_order(msgspec.json.schema(shape))
 
 
-def _ordered(node):
+def _stable_order(node):
     """Versions of msgspec list the types of a value in orders of their own, and indent what is described or not."""
     if isinstance(node, list):
-        return [_ordered(each) for each in node]
+        return [_stable_order(each) for each in node]
     if not isinstance(node, dict):
         return node
-    node = {key: _ordered(value) for key, value in node.items()}
+    node = {key: _stable_order(value) for key, value in node.items()}
     if "anyOf" in node:
         node["anyOf"] = sorted(node["anyOf"], key=lambda one: (one.get("type") == "null", json.dumps(one)))
     if isinstance(node.get("description"), str):
@@ -62,7 +62,7 @@ def _ordered(node):
     return node
 
 
-def _text(title: str, shape: type) -> str:
+def _schema_text(title: str, shape: type) -> str:
     """One schema with its title at the top."""
     schema = {"$schema": "https://json-schema.org/draft/2020-12/schema", "title": title, **schema_of(shape)}
     return json.dumps(schema, indent=2, sort_keys=True, ensure_ascii=True) + "\n"

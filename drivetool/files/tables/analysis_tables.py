@@ -8,7 +8,7 @@ from rich.table import Table
 from rich.text import Text
 
 from drivetool.files.shapes import ComparisonFile, SpectraFile, SwapLineSection, SwapSection
-from drivetool.files.tables.result_tables import labels, rounded, short
+from drivetool.files.tables.result_tables import rounded, short, short_labels
 
 
 def print_analysis(file: SpectraFile | ComparisonFile, console: Console) -> None:
@@ -16,14 +16,14 @@ def print_analysis(file: SpectraFile | ComparisonFile, console: Console) -> None
     if isinstance(file, SpectraFile):
         _print_spectra(file, console)
     elif isinstance(file.swap, SwapSection):
-        _print_swap(file.swap, console)
+        _print_swap_comparison(file.swap, console)
         if not file.findings:  # which have the same sentence
             console.print(Text(f"  {file.outcome}"))
     else:
         _print_comparison(file, console)
 
 
-def _table(*columns: str, title: str = "") -> Table:
+def _plain_table(*columns: str, title: str = "") -> Table:
     """The first column to the left, numbers to the right."""
     table = Table(box=SIMPLE_HEAD, pad_edge=False, padding=0, show_edge=False, title_justify="left",
                   title=Text(title) if title else None)
@@ -33,7 +33,7 @@ def _table(*columns: str, title: str = "") -> Table:
 
 
 def _print_spectra(file: SpectraFile, console: Console) -> None:
-    table = _table("peak", "Hz", "+- half a line", f"magnitude {file.unit}", "prominence dB",
+    table = _plain_table("peak", "Hz", "+- half a line", f"magnitude {file.unit}", "prominence dB",
                    title=f"{file.output} over {file.input}")
     for p in file.peaks:
         table.add_row(p.kind, short(p.hz, 5), short(p.resolution_hz / 2, 3), short(p.magnitude),
@@ -52,57 +52,58 @@ def _print_spectra(file: SpectraFile, console: Console) -> None:
 
 
 def _print_comparison(file: ComparisonFile, console: Console) -> None:
-    called = labels(name for c in file.cross for name in (c.fitted_on, c.checked_on))
+    short_names = short_labels(name for c in file.cross for name in (c.fitted_on, c.checked_on))
     for structure in dict.fromkeys(c.structure for c in file.cross):
         columns = list(dict.fromkeys(c.checked_on for c in file.cross if c.structure == structure))
-        table = _table("fitted on", *(called[name] for name in columns),
+        table = _plain_table("fitted on", *(short_names[name] for name in columns),
                        title=f"{structure}: simulation fit %, checked on")
         fits = {(c.fitted_on, c.checked_on): c for c in file.cross if c.structure == structure}
         for row in dict.fromkeys(a for a, _ in fits):
             cells = [fits.get((row, name)) for name in columns]
-            table.add_row(called[row], *("unstable" if c and c.simulation_fit_percent is None else
+            table.add_row(short_names[row], *("unstable" if c and c.simulation_fit_percent is None else
                                          short(c.simulation_fit_percent, 3) if c else "-" for c in cells))
         console.print(table)
     if file.spread:
-        table = _table("figure", "structure", "mean", "std", "unit", title="over the experiments")
+        table = _plain_table("figure", "structure", "mean", "std", "unit", title="over the experiments")
         for s in file.spread:
             mean, std = rounded(s.mean, s.std)
             table.add_row(s.name, s.structure, mean, std, s.unit)
         console.print(table)
     if any(d.differs for d in file.differences):
-        table = _table("differs", "structure", "from", "to", "change", "+-", "unit", "p",
-                       title=_between(file))
+        table = _plain_table("differs", "structure", "from", "to", "change", "+-", "unit", "p",
+                       title=_compared_with(file))
         for d in (d for d in file.differences if d.differs):
             change, std = rounded(d.change, d.std)
-            table.add_row(d.name, d.structure, called.get(d.first, d.first), called.get(d.second, d.second),
+            table.add_row(d.name, d.structure, short_names.get(d.first, d.first),
+                          short_names.get(d.second, d.second),
                           change, std, d.unit, short(d.p, 2))
         console.print(table)
     elif file.differences:
-        console.print(Text(f"  no figure differs {_between(file)}", style="dim"))
+        console.print(Text(f"  no figure differs {_compared_with(file)}", style="dim"))
     if file.differences and not file.options.get("machines"):
-        console.print(Text("  One record each cannot tell another machine from another day, see --machine.",
-                           style="dim"))
+        console.print(Text(
+            "  One record each does not distinguish another machine from another day, see --machine.", style="dim"))
     console.print(Text(f"  {file.outcome}"))
 
 
-def _between(file: ComparisonFile) -> str:
-    """Between what figures differ, and by more than what."""
+def _compared_with(file: ComparisonFile) -> str:
+    """The compared records or machines, and the scatter that a difference must exceed."""
     if file.options.get("machines"):
         return "between machines, by more than each varies from recording to recording"
     return "between records, by more than the noise within them"
 
 
-def _print_swap(found: SwapSection, console: Console) -> None:
+def _print_swap_comparison(found: SwapSection, console: Console) -> None:
     """Two rows per figure; the second one has the name of the second file, where that is another."""
     lines = [*found.lines, *found.derived]
-    shown = [line for line in lines if line.difference is not None]
-    table = _table("parameter", "value", "+- (std)", "unit", "difference", "+- (std)", "over std",
+    compared = [line for line in lines if line.difference is not None]
+    table = _plain_table("parameter", "value", "+- (std)", "unit", "difference", "+- (std)", "over std",
                    title=f"{found.first}, below it {found.second} with its own names")
-    for line in shown:
+    for line in compared:
         style = "dim" if line.ratio is None else "yellow" if line.differs else ""
         for row in _swap_rows(line):
             table.add_row(*map(Text, row), style=style)
-    if shown:
+    if compared:
         console.print(table)
     for reason in dict.fromkeys(line.reason for line in lines if line.reason):
         names = ", ".join(line.first or line.second for line in lines if line.reason == reason)

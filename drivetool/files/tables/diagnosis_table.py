@@ -11,18 +11,19 @@ from rich.text import Text
 
 from drivetool.check.verdict import RULES
 from drivetool.files.shapes import parameter_shapes as shapes
-from drivetool.files.tables.report_words import STATES, VERDICTS, gain_of, smallest_words
+from drivetool.files.tables.report_words import STATES, VERDICTS, detection_limits, gain_text
 from drivetool.files.tables.result_tables import short
 
-_COLOURS = {"nothing-found": "green", "named": "bold green", "undetermined": "bold yellow",
+_VERDICT_STYLES = {"nothing-found": "green", "named": "bold green", "undetermined": "bold yellow",
             "unexplained": "bold yellow"}
-_STYLES = {"named": "bold", "possible": "yellow", "no-gain": "dim", "not-shown": "dim", "in-the-model": "dim",
+_STATE_STYLES = {"named": "bold", "possible": "yellow", "no-gain": "dim", "not-shown": "dim", "in-the-model": "dim",
            "failed": "red"}
 
 
 def print_diagnosis(section: shapes.DiagnosisSection, console: Console) -> None:
-    """Verdict, candidates round by round, gain, and what would decide."""
-    console.print(Text.assemble((f"{VERDICTS[section.verdict]}: ", _COLOURS[section.verdict]), section.sentence))
+    """Verdict, candidates round by round, gain, and the experiment that would decide."""
+    console.print(Text.assemble((f"{VERDICTS[section.verdict]}: ", _VERDICT_STYLES[section.verdict]),
+                                section.sentence))
     if section.experiment:
         console.print(Text(section.experiment))
     console.print()
@@ -31,14 +32,14 @@ def print_diagnosis(section: shapes.DiagnosisSection, console: Console) -> None:
         if candidates:
             decided = f"added {one.cause}" if one.cause else "nothing more"
             console.print(candidate_table(candidates, f"round {one.round}: {decided}"))
-            _notes(candidates, console)
+            _print_reasons(candidates, console)
     if section.gain is not None:
         for line in gain_lines(section.gain):
             console.print(Text(f"  {line}"))
 
 
 def print_rule(file: shapes.ParameterFile) -> None:
-    """On standard error: the facts, and the line of the table of rules that they met first."""
+    """On standard error: the facts, and the first rule that they fulfil."""
     section, console = file.diagnosis, Console(stderr=True, highlight=False)
     assert section is not None
     table = Table(box=SIMPLE_HEAD, pad_edge=False, padding=0, show_edge=False, title=Text("facts"),
@@ -46,8 +47,9 @@ def print_rule(file: shapes.ParameterFile) -> None:
     table.add_column("fact", no_wrap=True)
     table.add_column("value", overflow="fold")
     for name, value in section.facts.items():
-        told = ", ".join(value) if isinstance(value, list) else short(value) if isinstance(value, float) else value
-        table.add_row(name, Text("-" if told in (None, "") else str(told)))
+        text_of_value = ", ".join(value) if isinstance(value, list) else (
+            short(value) if isinstance(value, float) else value)
+        table.add_row(name, Text("-" if text_of_value in (None, "") else str(text_of_value)))
     console.print(table)
     rule = next(r for r in RULES if r.name == section.rule)
     for word, text in (("rule", rule.name), ("when", rule.when), ("why", rule.reason), ("source", rule.source)):
@@ -66,15 +68,16 @@ def candidate_table(candidates: Sequence[shapes.CandidateSection], title: str) -
     ordered = sorted(candidates, key=lambda c: (c.gain is None, -(c.gain or 0.0)))
     for each in ordered:
         evidence = "-" if each.evidence is None else f"{each.evidence:.1f}"
-        cells = (each.code, gain_of(each), evidence, STATES[each.state], smallest_words(each, names=False) or "-")
-        table.add_row(*map(Text, cells), style=_STYLES.get(each.state, ""))
+        cells = (each.code, gain_text(each), evidence, STATES[each.state],
+                 detection_limits(each, names=False) or "-")
+        table.add_row(*map(Text, cells), style=_STATE_STYLES.get(each.state, ""))
     return table
 
 
 def gain_lines(gain: shapes.GainSection) -> list[str]:
-    """Before and after on data held out."""
+    """Before and after, on held-out data."""
     free = f"free runs of {short(gain.segment)} s over data held out" if gain.of == "motion" else (
-        "torque that the motion asks for, over data held out")
+        "torque that the motion requires, over data held out")
     fresh = "" if gain.rmse_gain_ci95 is None else (
         " (on a further record lower by {} to {}, 95 %)".format(*(short(end, 3) for end in gain.rmse_gain_ci95)))
     lines = [
@@ -86,8 +89,8 @@ def gain_lines(gain: shapes.GainSection) -> list[str]:
     return lines
 
 
-def _notes(candidates: Sequence[shapes.CandidateSection], console: Console) -> None:
-    """Why some have no gain to state."""
+def _print_reasons(candidates: Sequence[shapes.CandidateSection], console: Console) -> None:
+    """The reasons of candidates without a gain."""
     for each in candidates:
         if each.reason:
             console.print(Text(f"  {each.code}: {each.reason}", style="dim"))

@@ -24,10 +24,10 @@ def catalogue(code: str | None = None) -> list[dict[str, Any]]:
     """Every effect as plain values, then the causes of a diagnosis that are no effect of the drive.
 
     code    of one effect, or of one cause as diagnose names it; None: all of them
-    raises  BadOption: a code nobody knows
+    raises  BadOption: an unknown code
     """
-    entries = [_effect(effect) for effect in EFFECTS]
-    entries += [_cause(name) for name, cause in CAUSES.items() if cause.effect is None]
+    entries = [_effect_entry(effect) for effect in EFFECTS]
+    entries += [_cause_entry(name) for name, cause in CAUSES.items() if cause.effect is None]
     if code is None:
         return entries
     wanted = CAUSES[code].effect or code if code in CAUSES else code
@@ -72,7 +72,7 @@ def print_entry(entry: Entry, console: Console) -> None:
     console.print(table)
 
 
-def _effect(effect: Effect) -> dict[str, Any]:
+def _effect_entry(effect: Effect) -> dict[str, Any]:
     """An effect as plain values; units are those of a rotary drive in Nm."""
     return {
         "code": effect.code, "of": _OWNERS[effect.of], "law": effect.law,
@@ -84,7 +84,7 @@ def _effect(effect: Effect) -> dict[str, Any]:
         "diagnosed_as": {code: c.name for code, c in CAUSES.items() if effect.code in (c.effect, *c.further)}}
 
 
-def _cause(code: str) -> dict[str, Any]:
+def _cause_entry(code: str) -> dict[str, Any]:
     """A cause that is no effect of the drive itself, in the same form."""
     cause = CAUSES[code]
     return {"code": code, "of": cause.of, "law": cause.text,

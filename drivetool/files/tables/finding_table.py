@@ -11,15 +11,16 @@ from rich.table import Table
 from rich.text import Text
 
 from drivetool.errors import BadOption, nearest
-from drivetool.finding_codes import CODES, STAGES
+from drivetool.finding_codes import CODES, RENAMED, STAGES
 
 
 def finding_entries(code: str | None = None) -> list[dict[str, Any]]:
     """Every code as plain values, stage by stage.
 
-    code    of one finding; None: all of them
-    raises  BadOption: a code nobody knows
+    code    of one finding, also as an earlier version named it; None: all of them
+    raises  BadOption: an unknown code
     """
+    code = RENAMED.get(code or "", code)
     if code is not None and code not in CODES:
         raise BadOption("a registered finding code", f"'{code}'", nearest(code, CODES))
     return [{"code": name, "stage": stage, "severities": list(entry.severities), "meaning": entry.meaning,

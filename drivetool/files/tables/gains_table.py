@@ -14,7 +14,7 @@ from drivetool.files.tables.result_tables import short
 
 
 def print_gains(file: GainsFile, console: Console, per_unit: bool = False) -> None:
-    """Settings and figures, the published variations, the spread, what hunts.
+    """Settings and figures, then the published variations and the draws of the covariance.
 
     per_unit  figures of the ratings where the file has them
     """
@@ -28,22 +28,22 @@ def print_gains(file: GainsFile, console: Console, per_unit: bool = False) -> No
 def design_table(file: GainsFile, per_unit: bool) -> Table:
     """One column per design."""
     many = len(file.designs) > 1
-    table = _table("settings and what they do")
+    table = _titled_table("settings and what they do")
     for design in file.designs:
         table.add_column(design.configuration if many else "value", justify="right", no_wrap=True)
     table.add_column("unit", no_wrap=True)
-    for label, pick in _rows(file):
+    for label, pick in _design_rows(file):
         figures = [pick(design) for design in file.designs]
         if all(figure is None for figure in figures):
             continue
-        cells = [_cell(figure, per_unit) for figure in figures]
-        unit = next((_unit(figure, per_unit) for figure in figures if figure is not None), "")
+        cells = [_cell_text(figure, per_unit) for figure in figures]
+        unit = next((_shown_unit(figure, per_unit) for figure in figures if figure is not None), "")
         table.add_row(label, *map(Text, cells), Text(unit))
     return table
 
 
-def _rows(file: GainsFile) -> list[tuple[str, Callable[[DesignSection], Figure | None]]]:
-    """Label and what is shown of a design."""
+def _design_rows(file: GainsFile) -> list[tuple[str, Callable[[DesignSection], Figure | None]]]:
+    """Label, and the function that picks its figure from a design."""
     def plain(value, unit: str) -> Figure:
         return Figure(value=value, unit=unit)
 
@@ -71,39 +71,39 @@ def _rows(file: GainsFile) -> list[tuple[str, Callable[[DesignSection], Figure |
 
 
 def robustness_table(file: GainsFile, design: DesignSection, per_unit: bool = False) -> Table:
-    """The same settings on other drives: the published variations, then the spread."""
+    """The same settings on other drives: the published variations, then quantiles over the draws."""
     name = f"{design.configuration}: " if len(file.designs) > 1 else ""
-    table = _table(f"{name}the same settings on another drive")
+    table = _titled_table(f"{name}the same settings on another drive")
     table.columns[0].header = "drive"
     drop = design.factors.load_speed.impact_drop
-    unit, scale = _unit(drop, per_unit), drop.per_unit / drop.value if per_unit and drop.per_unit else 1.0
+    unit, scale = _shown_unit(drop, per_unit), drop.per_unit / drop.value if per_unit and drop.per_unit else 1.0
     for title in ("Ms", f"impact drop {unit}", "overshoot %"):
         table.add_column(title, justify="right", no_wrap=True)
     for each in design.variations:
         found = (each.max_sensitivity, each.impact_drop, each.overshoot_percent)
-        table.add_row(each.change, *_figures(found, scale))
+        table.add_row(each.change, *_figure_texts(found, scale))
     spread = design.spread
     if spread:
         for level in ("0.05", "0.5", "0.95"):
             found = [spread.quantiles[key][level] for key in ("max_sensitivity", "impact_drop", "overshoot")]
             table.add_row(f"{100 * float(level):g} % of {spread.draws - spread.unphysical} draws below",
-                          *_figures(found, scale))
+                          *_figure_texts(found, scale))
     return table
 
 
-def _figures(found: Sequence[float | None], scale: float) -> list[str]:
+def _figure_texts(found: Sequence[float | None], scale: float) -> list[str]:
     """Ms, impact drop in its unit, overshoot."""
     return ["unstable" if f is None else short(f * s) for f, s in zip(found, (1.0, scale, 1.0), strict=True)]
 
 
-def _table(title: str) -> Table:
+def _titled_table(title: str) -> Table:
     table = Table(box=SIMPLE_HEAD, pad_edge=False, padding=(0, 1, 0, 0), show_edge=False, title=Text(title),
                   title_justify="left")
     table.add_column("", no_wrap=True)
     return table
 
 
-def _cell(figure: Figure | None, per_unit: bool) -> str:
+def _cell_text(figure: Figure | None, per_unit: bool) -> str:
     if figure is None:
         return "-"
     if per_unit and figure.per_unit is not None:
@@ -111,5 +111,5 @@ def _cell(figure: Figure | None, per_unit: bool) -> str:
     return "infinite" if figure.value is None else short(figure.value)
 
 
-def _unit(figure: Figure, per_unit: bool) -> str:
+def _shown_unit(figure: Figure, per_unit: bool) -> str:
     return figure.per_unit_unit if per_unit and figure.per_unit is not None else figure.unit

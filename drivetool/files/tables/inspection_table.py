@@ -24,9 +24,9 @@ def print_inspection(file: InspectionFile, console: Console) -> None:
         if dot and own != topic:
             table.add_row(Text(own))
         topic = own
-        cells = (f"  {field}" if dot else field, each.role or "-", each.unit or "?", _short(each.rate),
-                 str(each.samples), f"{_short(each.range[0], 3)}..{_short(each.range[1], 3)}",
-                 _short(each.quantum or None, 2), str(each.gaps), str(each.spikes), str(each.missing + each.lost))
+        cells = (f"  {field}" if dot else field, each.role or "-", each.unit or "?", _narrow(each.rate),
+                 str(each.samples), f"{_narrow(each.range[0], 3)}..{_narrow(each.range[1], 3)}",
+                 _narrow(each.quantum or None, 2), str(each.gaps), str(each.spikes), str(each.missing + each.lost))
         table.add_row(*map(Text, cells), style="" if each.role else "dim")
     console.print(table)
     for name, why in file.unreadable.items():
@@ -43,7 +43,7 @@ def print_inspection(file: InspectionFile, console: Console) -> None:
         console.print(Text("  no step could use it as it is", style="yellow"))
 
 
-def _short(value: float | None, digits: int = 4) -> str:
+def _narrow(value: float | None, digits: int = 4) -> str:
     """A number in a few digits, its exponent without what only costs width."""
     text = "-" if value is None else f"{value:.{digits}g}"
     return text.replace("e+0", "e").replace("e+", "e").replace("e-0", "e-")

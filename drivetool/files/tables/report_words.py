@@ -6,7 +6,7 @@ import math
 from collections.abc import Mapping
 from types import MappingProxyType
 
-from drivetool.check.causes import CAUSES, told_sizes
+from drivetool.check.causes import CAUSES, size_parameters
 from drivetool.check.outcome import UNLISTED, CandidateResult, Diagnosis, Gain, Round
 from drivetool.files.shapes import CandidateSection
 from drivetool.files.tables.result_tables import rounded, short
@@ -18,49 +18,52 @@ STATES = {"named": "named", "possible": "as good as the best", "worse": "worse t
           "no-gain": "no gain", "not-shown": "cannot be shown here", "in-the-model": "already in the model",
           "failed": "failed"}
 CAPTIONS = {
-    "diagnosis-record": "Grey is the machine. Where orange leaves it, the model as it was is wrong; blue is the "
-                        "model with what was found. The shaded part is drawn large at the bottom.",
+    "diagnosis-record": "Grey is the measurement, orange the model before, blue the model with the causes found. "
+                        "Where orange departs from grey, the model before is wrong. The shaded part is enlarged "
+                        "at the bottom.",
     "diagnosis-residual-time": "An error that comes back at the same events has a cause in the machine; one that "
                                "sets in once is an event; one that fades is a drift. Free runs start anew where "
                                "the error jumps.",
     "diagnosis-residual-speed": "A step at zero is dry friction, a hump near zero breakaway friction, a parabola "
                                 "drag. Flat means that friction is right.",
     "diagnosis-residual-torque": "A slope is a wrong stiffness, inertia or torque scale; growth towards the ends "
-                                 "a shaft that stiffens or softens; a bump around zero play.",
+                                 "a shaft that stiffens or softens; a bump around zero is backlash.",
     "diagnosis-residual-order": "A single peak that is gone afterwards is a torque that repeats with the angle: "
-                                "ripple, or at one per turn imbalance. An elastic shaft makes amplitudes rough.",
+                                "ripple, or at one per turn imbalance. With an elastic shaft the amplitudes are "
+                                "approximate.",
     "diagnosis-order-map": "An upright ridge is a torque that repeats with the motor's angle, at every speed: "
-                           "ripple or cogging. A ridge whose order falls as the speed rises is a hum of fixed "
-                           "frequency. White is within the noise, or too fast for the sampling rate.",
+                           "ripple or cogging. A ridge whose order falls as the speed rises is a disturbance of "
+                           "fixed frequency. White is within the noise, or too fast for the sampling rate.",
     "diagnosis-residual-reversal": "All reversals laid on top of each other, the downward ones mirrored. A ringing "
-                                   "that starts there is play, a ramp that starts there is dry friction.",
-    "diagnosis-candidates": "How much better data that no fit has seen are predicted with each cause added. A bar "
-                            "whose error reaches zero has shown nothing.",
+                                   "that starts there is backlash, a ramp that starts there is dry friction.",
+    "diagnosis-candidates": "How much better the model predicts held-out data with each cause added. A bar whose "
+                            "error bar reaches zero shows no significant gain.",
 }
 
 
-def finding_of(found: CandidateResult, final: Mapping[str, Parameter] = MappingProxyType({}),
+def cause_words(found: CandidateResult, final: Mapping[str, Parameter] = MappingProxyType({}),
                ) -> tuple[str, str, str]:
     """(headline, sentence with its size, what to do) of a cause.
 
     final  parameters of the extended drive, where it has the cause: rounds after its own have moved its size
     """
     if found.code == UNLISTED:
-        return ("Or something that is in no catalogue", "What is left is more than the noise that sensors and "
-                "torques usually have.", "")
+        return ("Or something that is in no catalogue", "The residual is larger than the usual noise of sensors "
+                "and torques.", "")
     cause = CAUSES.get(found.code)
     name = cause.name if cause else found.code
-    sizes = told_sizes(found.code, found.parameters)
-    told = [size_of(final.get(p.name, p)) for p in sizes]
-    told += [f"at {size_of(final[n])}" for p in sizes if (n := f"{p.name}_twist") in final]  # where it counts
-    size = f" The fit gives {', '.join(told)}." if told else ""
+    sizes = size_parameters(found.code, found.parameters)
+    estimates = [estimate_text(final.get(p.name, p)) for p in sizes]
+    # The twist at which the parameter applies.
+    estimates += [f"at {estimate_text(final[n])}" for p in sizes if (n := f"{p.name}_twist") in final]
+    size = f" The fit gives {', '.join(estimates)}." if estimates else ""
     text = cause.text if cause else f"The model lacks {found.law or found.code}."
     where = found.reason.rstrip(".") if found.state in ("named", "possible") else ""
     where = f" {where[0].upper()}{where[1:]}." if where else ""
     return name[0].upper() + name[1:], text + size + where, cause.look if cause else ""
 
 
-def size_of(parameter: Parameter) -> str:
+def estimate_text(parameter: Parameter) -> str:
     """'shaft.half_gap 0.00322 +- 0.00002 rad', with +- only where there is one."""
     value, std = rounded(parameter.value if math.isfinite(parameter.value) else None, parameter.std)
     plus = f" +- {std}" if parameter.std is not None else ""
@@ -68,7 +71,7 @@ def size_of(parameter: Parameter) -> str:
 
 
 def round_words(number: int, one: Round) -> str:
-    """What one round decided."""
+    """The decision of one round."""
     if one.cause is None:
         return f"Round {number} found nothing more."
     gain = f": {gain_words(one.gain)}" if one.gain else ""
@@ -80,17 +83,17 @@ def gain_words(gain: Gain) -> str:
     before, after = short(gain.held_out_rmse_before, 3), short(gain.held_out_rmse_after, 3)
     verb = "fell" if gain.held_out_rmse_after < gain.held_out_rmse_before else "went"
     noise = f"; the sensor's own noise is {short(gain.noise_floor, 2)}" if math.isfinite(gain.noise_floor) else ""
-    what = f"free runs of {gain.segment:g} s" if gain.of == "motion" else "the torque that the motion asks for"
+    what = f"free runs of {gain.segment:g} s" if gain.of == "motion" else "the torque that the motion requires"
     return (f"the error of {what} over data held out {verb} from {before} to {after} "
             f"{gain.unit}{noise}")
 
 
-def named_results(diagnosis: Diagnosis) -> list[CandidateResult]:
-    """The candidate of each cause that was found, then of those it could be between, then of what comes closest."""
+def reported_candidates(diagnosis: Diagnosis) -> list[CandidateResult]:
+    """The candidates of the causes found, then of equally good ones, then of those that come closest."""
     found = {}
     for one in diagnosis.rounds:
         for each in one.candidates:
-            # Once it is in the model, later rounds have nothing to say of it.
+            # Later rounds have no result for a cause that is already in the model.
             if (each.code == one.cause or each.code in diagnosis.between) and (
                     each.parameters or each.code not in found):
                 found[each.code] = each
@@ -98,13 +101,13 @@ def named_results(diagnosis: Diagnosis) -> list[CandidateResult]:
     return [found.get(code, CandidateResult(code, "", "named")) for code in codes]
 
 
-def smallest_words(candidate: CandidateSection, names: bool = True) -> str:
+def detection_limits(candidate: CandidateSection, names: bool = True) -> str:
     """'shaft.half_gap 0.0002 rad', or without the name; empty where it is not known."""
     return ", ".join(f"{name if names else ''} {short(size.value, 2)} {size.unit or ''}".strip()
                      for name, size in candidate.smallest.items() if size.value is not None)
 
 
-def gain_of(candidate: CandidateSection) -> str:
+def gain_text(candidate: CandidateSection) -> str:
     """'1230 +- 40'; '-' where there is none."""
     if candidate.gain is None:
         return "-"

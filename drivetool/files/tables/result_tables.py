@@ -1,4 +1,4 @@
-"""Tables for a person: what is in a parameter or validation file, at 80 columns."""
+"""Tables of a parameter or validation file for the terminal, at 80 columns."""
 
 from __future__ import annotations
 
@@ -15,11 +15,11 @@ from rich.text import Text
 
 from drivetool.files.shapes import parameter_shapes as shapes
 
-_LABELS = {"simulation_fit_percent": "simulation fit", "one_step_fit_percent": "one-step fit",
+_FIT_LABELS = {"simulation_fit_percent": "simulation fit", "one_step_fit_percent": "one-step fit",
            "rmse": "rmse of the simulation", "n": "samples"}
-_COLOURS = {"note": "cyan", "warning": "yellow", "failure": "bold red"}
-RPM = 30.0 / math.pi  # of one rad/s
-_ORDER = ("failure", "warning", "note")
+_SEVERITY_STYLES = {"note": "cyan", "warning": "yellow", "failure": "bold red"}
+RPM_PER_RAD_S = 30.0 / math.pi  # 60 s/min over 2 pi rad per revolution
+_SEVERITY_ORDER = ("failure", "warning", "note")
 
 
 def print_estimate(file: shapes.ParameterFile, console: Console) -> None:
@@ -29,15 +29,15 @@ def print_estimate(file: shapes.ParameterFile, console: Console) -> None:
     console  where to; colours only on a terminal
     """
     console.print(parameter_table(file.parameters))
-    if what := _what_holds(file):
-        console.print(Text(f"  {what}", style="dim"))
-    told = {name: entry.reason for name, entry in file.parameters.items()
+    if interval_scope := _interval_scope(file):
+        console.print(Text(f"  {interval_scope}", style="dim"))
+    reasons = {name: entry.reason for name, entry in file.parameters.items()
             if entry.reason not in ("", shapes.IF_COMPLETE) and entry.status != "held"}
-    for name, reason in told.items():
+    for name, reason in reasons.items():
         console.print(Text(f"  {name}: {reason}", style="dim"))
     if any(entry.reason == shapes.IF_COMPLETE for entry in file.parameters.values()):
         console.print(Text(f"  {shapes.IF_COMPLETE}", style="yellow"))
-    if told:
+    if reasons:
         console.print()
     if file.derived is not msgspec.UNSET:
         console.print(derived_table(file.derived))
@@ -49,8 +49,8 @@ def print_estimate(file: shapes.ParameterFile, console: Console) -> None:
         console.print(Text(f"  {count} of {file.starts.tried} starts ended at these values"))
 
 
-def _what_holds(file: shapes.ParameterFile) -> str:
-    """For what the +- holds: one recording, or the machine."""
+def _interval_scope(file: shapes.ParameterFile) -> str:
+    """What the +- refers to: one recording, or the machine."""
     if file.step not in ("greybox", "backlash") or all(p.std is None for p in file.parameters.values()):
         return ""
     if len(file.data) == 1:
@@ -64,28 +64,28 @@ def print_validation(file: shapes.ValidationFile, console: Console) -> None:
     """One row per model and record, the cross table if there are several of both, the verdict."""
     for output in dict.fromkeys(check.output for check in file.checks):
         checks = [check for check in file.checks if check.output == output]
-        console.print(_table_of(checks[0])(checks))
+        console.print(_table_for(checks[0])(checks))
         if any(check.measured_start_rmse is not None for check in checks):
             console.print(start_table(checks))
-        models, files = _names(checks, "model"), _names(checks, "file")
+        models, files = _unique_values(checks, "model"), _unique_values(checks, "file")
         if len(models) > 1 and len(files) > 1:
             console.print(cross_table(checks))
     console.print(Text(f"  {file.verdict}", style="green" if file.passed else "bold red"))
 
 
-def _table_of(check: shapes.CheckSection) -> Callable[[Sequence[shapes.CheckSection]], Table]:
+def _table_for(check: shapes.CheckSection) -> Callable[[Sequence[shapes.CheckSection]], Table]:
     """Which table shows checks of this kind."""
     if check.sensor_rmse is not msgspec.UNSET:
-        return run_down_table
+        return coast_down_table
     return check_table if check.rmse_percent is None else torque_table
 
 
 def print_findings(findings: Sequence[shapes.FindingSection], console: Console) -> None:
     """By severity, each with what to do about it."""
-    for severity in _ORDER:
+    for severity in _SEVERITY_ORDER:
         for finding in findings:
             if finding.severity == severity:
-                text = Text.assemble((severity, _COLOURS[severity]), f" {finding.code}: {finding.text}")
+                text = Text.assemble((severity, _SEVERITY_STYLES[severity]), f" {finding.code}: {finding.text}")
                 if finding.action:
                     text.append(f" {finding.action}")
                 console.print(text, soft_wrap=not console.is_terminal)
@@ -111,7 +111,7 @@ def parameter_table(parameters: Mapping[str, shapes.ParameterSection]) -> Table:
 
 
 def derived_table(figures: Mapping[str, shapes.DerivedSection]) -> Table:
-    """What follows from the parameters: figure, value, unit, +- (one std), %."""
+    """The derived figures: figure, value, unit, +- (one std), %."""
     table = Table(box=None, pad_edge=False, padding=(0, 1, 0, 0), show_edge=False, show_header=False)
     for side in ("left", "right", "left", "right", "right"):
         table.add_column(justify=side)
@@ -127,7 +127,7 @@ def check_table(checks: Sequence[shapes.CheckSection]) -> Table:
     table = Table(box=SIMPLE_HEAD, pad_edge=False, padding=0, show_edge=False,
                   title=Text(f"checked on {checks[0].output}"), title_justify="left")
     table.add_column("model", overflow="fold")
-    models, files = _labels(checks)
+    models, files = _model_and_record_labels(checks)
     table.add_column("record", overflow="fold", min_width=min(14, max(map(len, files.values()))))
     for title in ("simulation fit %", "one-step fit %", f"rmse {checks[0].unit}", "largest corr.",
                   "lags out %"):
@@ -143,7 +143,7 @@ def check_table(checks: Sequence[shapes.CheckSection]) -> Table:
 
 
 def torque_table(checks: Sequence[shapes.CheckSection]) -> Table:
-    """The same of the torque that the motion asks for, which has neither one-step predictions nor a start state."""
+    """The same for the required torque, which has neither one-step predictions nor a start state."""
     table = Table(box=SIMPLE_HEAD, pad_edge=False, padding=0, show_edge=False,
                   title=Text("torque that the motion asks for"), title_justify="left")
     for title in ("model", "record"):
@@ -151,7 +151,7 @@ def torque_table(checks: Sequence[shapes.CheckSection]) -> Table:
     for title in ("torque fit %", f"rmse {checks[0].unit}", "rmse over rms %"):
         table.add_column(title, justify="right", min_width=len(title))
     table.add_column("bars", no_wrap=True, min_width=6)
-    models, files = _labels(checks)
+    models, files = _model_and_record_labels(checks)
     for check in checks:
         cells = (models[check.model], files[check.file], short(check.simulation_fit_percent), short(check.rmse),
                  short(check.rmse_percent))
@@ -159,8 +159,8 @@ def torque_table(checks: Sequence[shapes.CheckSection]) -> Table:
     return table
 
 
-def run_down_table(checks: Sequence[shapes.CheckSection]) -> Table:
-    """The angle of run-downs in counts, or their speed over its range and over its mean."""
+def coast_down_table(checks: Sequence[shapes.CheckSection]) -> Table:
+    """The angle of coast-downs in counts, or their speed over its range and over its mean."""
     first, speeds = checks[0], checks[0].output == "motor_speed"
     table = Table(box=SIMPLE_HEAD, pad_edge=False, padding=0, show_edge=False,
                   title=Text(f"run-downs: {first.output}"), title_justify="left")
@@ -172,15 +172,15 @@ def run_down_table(checks: Sequence[shapes.CheckSection]) -> Table:
     for title in (f"rmse {first.unit}", "sensor alone", *titles):
         table.add_column(title, justify="right", min_width=max(map(len, title.split())))
     table.add_column("bars", no_wrap=True, min_width=6)
-    models, files = _labels(checks)
+    models, files = _model_and_record_labels(checks)
     for c in checks:
-        figures = [short(c.rmse, 3), short(_told(c.sensor_rmse), 3)]
+        figures = [short(c.rmse, 3), short(_or_none(c.sensor_rmse), 3)]
         if speeds:
-            figures += [short(c.rmse and c.rmse * RPM, 3)] * turns
-            figures += [short(c.nrmse and 100.0 * c.nrmse, 3), short(100.0 * (_told(c.nrmse_mean) or 0.0), 3),
+            figures += [short(c.rmse and c.rmse * RPM_PER_RAD_S, 3)] * turns
+            figures += [short(c.nrmse and 100.0 * c.nrmse, 3), short(100.0 * (_or_none(c.nrmse_mean) or 0.0), 3),
                         "-" if c.r2 is None else f"{c.r2:.6f}"]
         else:
-            counts = _told(c.rmse_counts)
+            counts = _or_none(c.rmse_counts)
             figures += [f"{counts:.3f}" if counts is not None and counts < 10.0 else short(counts),
                         short(c.simulation_fit_percent, 6)]
         table.add_row(*map(Text, (models[c.model], files[c.file], *figures)),
@@ -188,7 +188,7 @@ def run_down_table(checks: Sequence[shapes.CheckSection]) -> Table:
     return table
 
 
-def _told(value: float | msgspec.UnsetType) -> float | None:
+def _or_none(value: float | msgspec.UnsetType) -> float | None:
     return None if value is msgspec.UNSET else value
 
 
@@ -200,7 +200,7 @@ def start_table(checks: Sequence[shapes.CheckSection]) -> Table:
         table.add_column(title, overflow="fold")
     for title in ("start state fitted", "start state measured"):
         table.add_column(title, justify="right", min_width=len(title))
-    models, files = _labels(checks)
+    models, files = _model_and_record_labels(checks)
     for check in checks:
         cells = (models[check.model], files[check.file], short(check.rmse), short(check.measured_start_rmse))
         table.add_row(*map(Text, cells))
@@ -213,7 +213,7 @@ def cross_table(checks: Sequence[shapes.CheckSection]) -> Table:
                   title=Text("simulation fit %: model (row) on record (column)"),
                   title_justify="left")
     table.add_column("model", overflow="fold")
-    models, files = _labels(checks)
+    models, files = _model_and_record_labels(checks)
     for label in files.values():
         table.add_column(Text(label), justify="right", overflow="fold", min_width=6)
     fits = {(check.model, check.file): check.simulation_fit_percent for check in checks}
@@ -224,7 +224,7 @@ def cross_table(checks: Sequence[shapes.CheckSection]) -> Table:
 
 def fit_lines(fit: Mapping[str, float | int | str | None]) -> list[str]:
     """The fit figures, simulation and one-step named as such."""
-    labels = {key: _LABELS.get(key, key.removesuffix("_percent").replace("_", " ")) for key in fit}
+    labels = {key: _FIT_LABELS.get(key, key.removesuffix("_percent").replace("_", " ")) for key in fit}
     width = max((len(label) for label in labels.values()), default=0) + 2
     lines = []
     for key, value in fit.items():
@@ -267,22 +267,22 @@ def short(value: float | int | None, digits: int = 4) -> str:
 
 
 def _row_style(status: str) -> str:
-    """What was not fitted steps back; what needs a look stands out."""
+    """Parameters that were held are dimmed; those at a bound or not identifiable stand out."""
     return {"held": "dim", "at-bound": "yellow", "not-identifiable": "yellow"}.get(status, "")
 
 
-def _names(checks: Iterable[shapes.CheckSection], field: str) -> list[str]:
+def _unique_values(checks: Iterable[shapes.CheckSection], field: str) -> list[str]:
     """Models or files, each once, in the order given."""
     return list(dict.fromkeys(getattr(check, field) for check in checks))
 
 
-def _labels(checks: Sequence[shapes.CheckSection]) -> tuple[dict[str, str], dict[str, str]]:
-    """What a table calls the models, and the recordings."""
-    return labels(check.model for check in checks), labels(check.file for check in checks)
+def _model_and_record_labels(checks: Sequence[shapes.CheckSection]) -> tuple[dict[str, str], dict[str, str]]:
+    """The labels of the models, and of the recordings."""
+    return short_labels(check.model for check in checks), short_labels(check.file for check in checks)
 
 
-def labels(names: Iterable[str]) -> dict[str, str]:
-    """Name -> what a table calls a file: without folder and suffix, which cost width, where that tells it apart."""
+def short_labels(names: Iterable[str]) -> dict[str, str]:
+    """Name -> label of a file in a table: without folder and suffix, which cost width, where that is unique."""
     stems = {name: PurePath(name).stem for name in dict.fromkeys(names)}
     many = Counter(stems.values())
     return {name: stem if many[stem] == 1 else name for name, stem in stems.items()}

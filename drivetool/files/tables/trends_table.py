@@ -12,14 +12,14 @@ from drivetool.files.tables.result_tables import rounded, short
 
 
 def print_trends(file: shapes.TrendsFile, console: Console) -> None:
-    """One row per series; its last column names what stands in the findings below."""
+    """One row per series; its last column refers to the findings below."""
     table = Table(box=SIMPLE_HEAD, pad_edge=False, padding=0, show_edge=False)
     for title, side in (("machine", "left"), ("parameter", "left"), ("n", "right"), ("mean", "right"),
                         ("+- 95 %", "right"), ("unit", "left"), ("s_r", "right"), ("s_R", "right"),
                         ("per rec.", "right"), ("trend", "left")):
         table.add_column(title, justify=side, overflow="fold")
     for each in file.series:
-        mean, word = each.mean, _word(each)
+        mean, word = each.mean, _trend_word(each)
         value, half = rounded(mean.value, None if mean.ci95 is None else (mean.ci95[1] - mean.ci95[0]) / 2.0)
         cells = (each.machine, each.parameter, str(mean.recordings), value, half, each.unit,
                  short(mean.std_within_day, 2), short(mean.std_between_days, 2),
@@ -30,8 +30,8 @@ def print_trends(file: shapes.TrendsFile, console: Console) -> None:
     console.print(Text(f"  {file.outcome}"))
 
 
-def _word(series: shapes.SeriesSection) -> str:
-    """What the series does, in a word."""
+def _trend_word(series: shapes.SeriesSection) -> str:
+    """The trend of a series in one word."""
     alarms = [change.alarm for change in series.changes]
     if series.drift is not None and series.drift.significant:
         alarms.append(series.drift.alarm)

@@ -7,17 +7,17 @@ from .parameter_file import (
     read_bytes as read_bytes,
 )
 from .ratios import (
-    flux_decay as flux_decay,
-    of_coast_down as of_coast_down,
-    only_ratios as only_ratios,
-    run_down_model as run_down_model,
+    coast_down_model as coast_down_model,
+    fitted_flux_decay as fitted_flux_decay,
+    has_only_ratios as has_only_ratios,
+    is_coast_down_file as is_coast_down_file,
 )
 from .text import (
+    counted_noun as counted_noun,
+    escape_unprintable as escape_unprintable,
     from_yaml as from_yaml,
-    plain as plain,
-    several as several,
     to_json as to_json,
+    to_plain as to_plain,
     to_yaml as to_yaml,
-    visible as visible,
 )
 from .units import torque_over_input as torque_over_input

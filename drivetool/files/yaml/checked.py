@@ -1,4 +1,4 @@
-"""From what YAML gave to the typed file, or one sentence about the first thing that is wrong."""
+"""Checks parsed YAML and gives the typed file, or one sentence about the first error."""
 
 from __future__ import annotations
 
@@ -12,16 +12,16 @@ from drivetool.files.shapes import gains_shapes, parameter_shapes as shapes
 
 Shape = TypeVar("Shape", bound=shapes.Shape)
 
-_EXPECTED = re.compile(
+_EXPECTED_PATTERN = re.compile(
     r"Expected `(?P<wanted>.*?)`(?: of length (?P<length>\d+))?, got `?(?P<found>[^`]*)`?")
-_LEAST = re.compile(r"Expected `(?:float|int)` >= (?P<least>[-+.0-9e]+)")
-_PLACE = re.compile(r" - at `\$\.?(?P<path>.*)`$")
-_WORDS = {"float": "number", "int": "whole number", "str": "text", "object": "mapping",
+_AT_LEAST_PATTERN = re.compile(r"Expected `(?:float|int)` >= (?P<least>[-+.0-9e]+)")
+_PLACE_PATTERN = re.compile(r" - at `\$\.?(?P<path>.*)`$")
+_TYPE_WORDS = {"float": "number", "int": "whole number", "str": "text", "object": "mapping",
           "array": "list", "bool": "true or false"}
-_SECTIONS = {"tool": shapes.Tool, "drive": shapes.DriveSection, "covariance": shapes.CovarianceSection,
+_SECTION_SHAPES = {"tool": shapes.Tool, "drive": shapes.DriveSection, "covariance": shapes.CovarianceSection,
              "ratings": shapes.RatingsSection, "controller": shapes.ControllerSection,
              "diagnosis": shapes.DiagnosisSection}
-_LISTS = {"findings": shapes.FindingSection, "records": shapes.FileSection, "data": shapes.FileSection,
+_LIST_ITEM_SHAPES = {"findings": shapes.FindingSection, "records": shapes.FileSection, "data": shapes.FileSection,
           "inputs": shapes.FileSection}
 
 
@@ -32,28 +32,28 @@ def parameter_file(raw: dict[Any, Any], name: str) -> shapes.ParameterFile:
     name    of the file, for messages
     raises  BadParameters: another schema, an unknown key, a wrong type
     """
-    _schema(raw, name)
-    _known_keys(raw, shapes.ParameterFile, name, "")
-    for key, shape in _SECTIONS.items():
+    _check_schema(raw, name)
+    _check_keys(raw, shapes.ParameterFile, name, "")
+    for key, shape in _SECTION_SHAPES.items():
         if raw.get(key) is not None:
-            section(raw[key], shape, name, key)
-    for key, shape in _LISTS.items():
-        for index, item in enumerate(of_kind(raw.get(key, []), list, name, key)):
-            section(item, shape, name, f"{key}[{index}]")
-    for key, item in of_kind(raw.get("parameters", {}), dict, name, "parameters").items():
+            check_section(raw[key], shape, name, key)
+    for key, shape in _LIST_ITEM_SHAPES.items():
+        for index, item in enumerate(checked_kind(raw.get(key, []), list, name, key)):
+            check_section(item, shape, name, f"{key}[{index}]")
+    for key, item in checked_kind(raw.get("parameters", {}), dict, name, "parameters").items():
         where = f"parameters.{key}"
         if isinstance(item, dict):
-            section(item, shapes.ParameterSection, name, where)
+            check_section(item, shapes.ParameterSection, name, where)
         elif isinstance(item, bool) or not isinstance(item, int | float):
             raise BadParameters(
-                f"a number, or a mapping with value and unit, at {where}", f"{_found(item)} in {name}",
+                f"a number, or a mapping with value and unit, at {where}", f"{_value_words(item)} in {name}",
                 "Write for example '{value: 0.4, unit: kg m^2}', with a dot as decimal sign.")
     return _convert(raw, shapes.ParameterFile, name, "")
 
 
 def result_file(raw: dict[Any, Any], shape: type[Shape], name: str) -> Shape:
     """The typed file of a step that writes no parameters, its schema known; BadParameters as above."""
-    _known_keys(raw, shape, name, "")
+    _check_keys(raw, shape, name, "")
     return _convert(raw, shape, name, "", raw["schema"].split("/")[1])
 
 
@@ -65,8 +65,8 @@ def gains_file(raw: dict[Any, Any], name: str) -> gains_shapes.GainsFile:
     return result_file(raw, gains_shapes.GainsFile, name)
 
 
-def _schema(raw: dict[Any, Any], name: str) -> None:
-    """The first key says what kind of file this is and how old."""
+def _check_schema(raw: dict[Any, Any], name: str) -> None:
+    """Refuse a file whose first key states another kind or version."""
     wanted, found = shapes.PARAMETERS_SCHEMA, raw.get("schema")
     if found == wanted:
         return
@@ -80,8 +80,8 @@ def _schema(raw: dict[Any, Any], name: str) -> None:
     raise BadParameters(f"schema {wanted}", f"{found or 'no schema'} in {name}", do)
 
 
-def _known_keys(raw: dict[Any, Any], shape: type[Shape], name: str, where: str) -> None:
-    """Every key is a field; a typo gets the nearest one as a suggestion."""
+def _check_keys(raw: dict[Any, Any], shape: type[Shape], name: str, where: str) -> None:
+    """Refuse a key that is no field; suggest the nearest one."""
     fields = shape.__struct_fields__
     for key in raw:
         if key not in fields:
@@ -90,36 +90,36 @@ def _known_keys(raw: dict[Any, Any], shape: type[Shape], name: str, where: str) 
                 nearest(str(key), fields))
 
 
-def section(raw: Any, shape: type[Shape], name: str, where: str, form: str = "parameters") -> None:
+def check_section(raw: Any, shape: type[Shape], name: str, where: str, form: str = "parameters") -> None:
     """Check one section on its own, so that the message can say which; form: the schema's name."""
-    _known_keys(of_kind(raw, dict, name, where, form), shape, name, where)
+    _check_keys(checked_kind(raw, dict, name, where, form), shape, name, where)
     _convert(raw, shape, name, where, form)
 
 
 def _convert(raw: Any, shape: type[Shape], name: str, where: str, form: str = "parameters") -> Shape:
-    """msgspec does the checking; its message becomes our sentence; form: the schema's name."""
+    """Convert by msgspec, whose message becomes a sentence of ours; form: the schema's name."""
     try:
         return msgspec.convert(raw, shape)
     except msgspec.ValidationError as error:
         text = str(error)
-        at = _PLACE.search(text)
-        path = at["path"] if at else ""
+        place_match = _PLACE_PATTERN.search(text)
+        path = place_match["path"] if place_match else ""
         place = f"{where}.{path}" if where and path and not path.startswith("[") else where + path
-        value, choices = _at(raw, path), _choices(shape, path)
-        kinds = _EXPECTED.search(text)
-        least = _LEAST.search(text)
+        value, choices = _value_at(raw, path), _choices(shape, path)
+        kinds = _EXPECTED_PATTERN.search(text)
+        least = _AT_LEAST_PATTERN.search(text)
         if least:
-            wanted, found = f"a number of at least {float(least['least']):g}", _found(value)
+            wanted, found = f"a number of at least {float(least['least']):g}", _value_words(value)
         elif "matching regex" in text:
-            wanted, found = "a word of letters, digits, dots, - and _", _found(value)
+            wanted, found = "a word of letters, digits, dots, - and _", _value_words(value)
         elif choices:
-            wanted, found = f"one of {', '.join(choices)}", _found(value)
+            wanted, found = f"one of {', '.join(choices)}", _value_words(value)
         elif kinds:
             length = f" of {kinds['length']}" if kinds["length"] else ""
-            wanted = f"a {_words(kinds['wanted'])}{length}"
-            found = _found(value) if value is not None else f"a {_words(kinds['found'])}"
+            wanted = f"a {_kind_words(kinds['wanted'])}{length}"
+            found = _value_words(value) if value is not None else f"a {_kind_words(kinds['found'])}"
         else:
-            wanted, found = "the file to follow its schema", _PLACE.sub("", text)
+            wanted, found = "the file to follow its schema", _PLACE_PATTERN.sub("", text)
         raise BadParameters(f"{wanted}{f' at {place}' if place else ''}", f"{found} in {name}",
                             f"Correct the file; schemas/{form}.json has its full form.") from None
 
@@ -131,28 +131,28 @@ def _choices(shape: type[Shape], path: str) -> tuple[str, ...]:
     return next((get_args(each) for each in literals if get_origin(each) is Literal), ())
 
 
-def _at(raw: Any, path: str) -> Any:
+def _value_at(raw: Any, path: str) -> Any:
     """The value a simple path points to, or None."""
     for key in filter(None, path.split(".")):
         raw = raw.get(key) if isinstance(raw, dict) else None
     return raw
 
 
-def of_kind(value: Any, kind: type, name: str, where: str, form: str = "parameters") -> Any:
-    """The value if it is a mapping or a list, as wanted."""
+def checked_kind(value: Any, kind: type, name: str, where: str, form: str = "parameters") -> Any:
+    """The value if it is a mapping or a list, as required."""
     if not isinstance(value, kind):
         raise BadParameters(f"a {'mapping' if kind is dict else 'list'} at {where}",
-                            f"{_found(value)} in {name}",
+                            f"{_value_words(value)} in {name}",
                             f"Correct the file; schemas/{form}.json has its full form.")
     return value
 
 
-def _words(kinds: str) -> str:
+def _kind_words(kinds: str) -> str:
     """'float | null' as 'number or null'."""
-    return " or ".join(_WORDS.get(kind, kind) for kind in kinds.split(" | "))
+    return " or ".join(_TYPE_WORDS.get(kind, kind) for kind in kinds.split(" | "))
 
 
-def _found(value: Any) -> str:
+def _value_words(value: Any) -> str:
     """A value in words."""
     if value is None:
         return "nothing"

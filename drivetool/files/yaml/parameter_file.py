@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, BinaryIO
 
 import msgspec
 
-from drivetool.drive import AT, KNOWN_DRIVES, TOTALS, Drive, is_constant, shared, two_mass
+from drivetool.drive import KNOWN_DRIVES, RECORD_MARK, TOTALS, Drive, is_constant, shared, two_mass
 from drivetool.errors import BadParameters
 from drivetool.files.shapes import (
     GAINS_SCHEMA,
@@ -25,12 +25,12 @@ from drivetool.files.shapes import (
     parameter_shapes as shapes,
 )
 from drivetool.files.yaml import checked, units
-from drivetool.files.yaml.covariances import merged
+from drivetool.files.yaml.covariances import merged_covariance
 from drivetool.files.yaml.text import from_yaml
-from drivetool.files.yaml.written import factor, naming, written
+from drivetool.files.yaml.written_values import factor_to_drive, file_named_in_errors, written_value
 from drivetool.identify.estimate import Covariance
 from drivetool.logs.channels import SCHEMA as MAP_SCHEMA
-from drivetool.quantity import ELECTRIC
+from drivetool.quantity import ELECTRIC_UNITS
 
 if TYPE_CHECKING:
 
@@ -39,7 +39,7 @@ if TYPE_CHECKING:
 
 
 @dataclass(frozen=True)
-class Source:
+class ParameterSource:
     """One file as it was read: name without folder ('-' for standard input), hash, content."""
 
     name: str
@@ -51,7 +51,7 @@ class Source:
 class Loaded:
     """Parameter files in the order given; a later one wins."""
 
-    sources: tuple[Source, ...] = ()
+    sources: tuple[ParameterSource, ...] = ()
 
     @property
     def inputs(self) -> tuple[tuple[str, str], ...]:
@@ -61,12 +61,12 @@ class Loaded:
     @property
     def noise(self) -> Mapping[str, float]:
         """Of the last file that has any."""
-        return {k: v for k, v in self._last("noise").items() if v is not None}
+        return {k: v for k, v in self._last_section("noise").items() if v is not None}
 
     @property
     def details(self) -> Mapping[str, object]:
         """Of the last file that has any."""
-        return self._last("details")
+        return self._last_section("details")
 
     def drive(self, default: Drive | None = None) -> Drive:
         """The drive of the files with their values.
@@ -86,22 +86,22 @@ class Loaded:
         drive = replace(default, values={})
         for source in self.sources:
             if source.file.drive is not None:
-                drive = _shaped(source.file.drive, drive, source.name)
+                drive = _drive_of_section(source.file.drive, drive, source.name)
         return drive
 
     def fill(self, drive: Drive) -> Drive:
         """`drive` with the values of all the files, converted to its units."""
         for source in self.sources:
             section = source.file.drive or shapes.DriveSection()
-            _same_units(section, drive, source.name)
+            _check_units(section, drive, source.name)
             drive = _with_records(drive, source)
             values = {}
             for name, entry in source.file.parameters.items():
-                value, unit = written(entry)
+                value, unit = written_value(entry)
                 if value is not None:
-                    values[name] = value * factor(drive, name, unit, source.name)
-            _not_both(values, drive, source.name)
-            with naming(source.name):
+                    values[name] = value * factor_to_drive(drive, name, unit, source.name)
+            _check_totals(values, drive, source.name)
+            with file_named_in_errors(source.name):
                 drive = drive.with_values(values)
         return drive
 
@@ -116,28 +116,28 @@ class Loaded:
         return merged
 
     def covariance(self, drive: Drive, single: bool = False) -> Covariance | None:
-        """Of all the files, in the units of `drive`; a value that a later file changes has none of before.
+        """Of all the files, in the units of `drive`; a value that a later file changes loses its covariance.
 
-        single  of a recording like those that the files are from: with what varies from one to another
+        single  of a single recording like those behind the files: with the variance between recordings
         """
-        return merged([(source.name, source.file) for source in self.sources], drive, single)
+        return merged_covariance([(source.name, source.file) for source in self.sources], drive, single)
 
     def stds(self, drive: Drive) -> dict[str, float]:
         """Standard deviations that the files state, in the units of `drive`; of the last file that has a value."""
-        return {name: std for name, std in self._told(drive, "std").items() if std > 0.0}
+        return {name: std for name, std in self._stated_numbers(drive, "std").items() if std > 0.0}
 
     def starts(self, drive: Drive) -> dict[str, float]:
         """Values that the fits of the files started from, likewise."""
-        return self._told(drive, "start")
+        return self._stated_numbers(drive, "start")
 
-    def _told(self, drive: Drive, what: str) -> dict[str, float]:
+    def _stated_numbers(self, drive: Drive, what: str) -> dict[str, float]:
         found: dict[str, float] = {}
         for source in self.sources:
             for name, entry in source.file.parameters.items():
                 found.pop(name, None)
                 number = getattr(entry, what) if isinstance(entry, shapes.ParameterSection) else None
                 if number is not None:
-                    found[name] = number * factor(drive, name, entry.unit, source.name)
+                    found[name] = number * factor_to_drive(drive, name, entry.unit, source.name)
         return found
 
     def ratings(self, drive: Drive) -> tuple[float, float] | None:
@@ -145,8 +145,8 @@ class Loaded:
         for source in reversed(self.sources):
             section = source.file.ratings
             if section is not None:
-                return (_measure(section.torque, drive.torque_unit, "ratings.torque", source.name),
-                        _measure(section.speed, f"{drive.motion_unit}/s", "ratings.speed", source.name))
+                return (_converted(section.torque, drive.torque_unit, "ratings.torque", source.name),
+                        _converted(section.speed, f"{drive.motion_unit}/s", "ratings.speed", source.name))
         return None
 
     @property
@@ -161,31 +161,31 @@ class Loaded:
         for source in reversed(self.sources):
             section = source.file.controller
             if section is not None and section.speed_filter is not None:
-                return _measure(section.speed_filter, "s", "controller.speed_filter", source.name, least=0.0)
+                return _converted(section.speed_filter, "s", "controller.speed_filter", source.name, least=0.0)
         return 0.0
 
-    def _last(self, key: str) -> Mapping:
+    def _last_section(self, key: str) -> Mapping:
         """A section of the last file that has anything there."""
         found = [getattr(source.file, key) for source in self.sources]
         return next((section for section in reversed(found) if section), {})
 
     @property
     def own_units(self) -> tuple[str, str, str]:
-        """Units of torque, motion and input as the files have them; Nm, rad and none where they are silent."""
-        torque, motion, fed = "Nm", "rad", ""
+        """Units of torque, motion and input as the files state them; defaults are Nm, rad and none."""
+        torque, motion, input_unit = "Nm", "rad", ""
         for source in self.sources:
             section = source.file.drive or shapes.DriveSection()
             torque, motion = section.torque_unit or torque, section.motion_unit or motion
-            fed = section.input_unit or fed
-        both = [found for unit in self.constants.values() if (found := units.torque_over_input(unit or ""))]
-        if both and not any(source.file.drive and source.file.drive.torque_unit for source in self.sources):
-            torque = both[-1][0]
-        return torque, motion, fed or (both[-1][1] if both else "")
+            input_unit = section.input_unit or input_unit
+        by_constants = [found for unit in self.constants.values() if (found := units.torque_over_input(unit or ""))]
+        if by_constants and not any(source.file.drive and source.file.drive.torque_unit for source in self.sources):
+            torque = by_constants[-1][0]
+        return torque, motion, input_unit or (by_constants[-1][1] if by_constants else "")
 
     @property
     def constants(self) -> dict[str, str | None]:
         """Torque constants of which the files have a value -> the unit that is written there."""
-        each = {n: written(entry) for source in self.sources for n, entry in source.file.parameters.items()}
+        each = {n: written_value(entry) for source in self.sources for n, entry in source.file.parameters.items()}
         return {n: unit for n, (value, unit) in each.items() if value is not None and is_constant(n)}
 
 
@@ -199,7 +199,7 @@ def load_parameters(paths: Sequence[str | Path], stdin: BinaryIO | None = None) 
     """
     if sum(str(path) == "-" for path in paths) > 1:
         raise BadParameters("standard input once", "'--params -' twice", "Give the second one as a file.")
-    return Loaded(tuple(_source(*read_bytes(path, stdin)) for path in paths))
+    return Loaded(tuple(_checked_source(*read_bytes(path, stdin)) for path in paths))
 
 
 def load_result(path: str | Path, stdin: BinaryIO | None = None) -> Result:
@@ -209,19 +209,19 @@ def load_result(path: str | Path, stdin: BinaryIO | None = None) -> Result:
     """
     name, data = read_bytes(path, stdin)
     raw = from_yaml(data, name)
-    others = {shapes.VALIDATION_SCHEMA: shapes.ValidationFile, GAINS_SCHEMA: GainsFile, **analysis_shapes.KINDS,
-              INSPECTION_SCHEMA: InspectionFile, TRENDS_SCHEMA: TrendsFile}
+    others = {shapes.VALIDATION_SCHEMA: shapes.ValidationFile, GAINS_SCHEMA: GainsFile,
+              **analysis_shapes.ANALYSIS_FILES, INSPECTION_SCHEMA: InspectionFile, TRENDS_SCHEMA: TrendsFile}
     schema = str(raw.get("schema") or "no schema")
     if schema in others:
         return checked.result_file(raw, others[schema], name)
     if schema != shapes.PARAMETERS_SCHEMA:
         raise BadParameters("a file that a step wrote, to show its table", f"{schema} in {name}",
-                            _instead(schema), (shapes.PARAMETERS_SCHEMA, *others))
-    loaded = Loaded((_source(name, data),))
+                            _advice_without_table(schema), (shapes.PARAMETERS_SCHEMA, *others))
+    loaded = Loaded((_checked_source(name, data),))
     return msgspec.structs.replace(loaded.sources[0].file, parameters=loaded.sections(loaded.drive()))
 
 
-def _instead(schema: str) -> str:
+def _advice_without_table(schema: str) -> str:
     """What to do about a file that has no table."""
     if schema == MAP_SCHEMA:
         return "A channel map is an input: 'drivetool inspect LOG --map FILE' shows what it makes of a log."
@@ -230,12 +230,12 @@ def _instead(schema: str) -> str:
     return "Write the file again with this version of drivetool, or check it and change its schema line."
 
 
-def _source(name: str, data: bytes) -> Source:
+def _checked_source(name: str, data: bytes) -> ParameterSource:
     """Check what was read."""
-    shown = "standard input" if name == "-" else name
-    file = checked.parameter_file(from_yaml(data, shown), shown)
-    _square(file.covariance, shown)
-    return Source(name, hashlib.sha256(data).hexdigest(), file)
+    display_name = "standard input" if name == "-" else name
+    file = checked.parameter_file(from_yaml(data, display_name), display_name)
+    _check_square(file.covariance, display_name)
+    return ParameterSource(name, hashlib.sha256(data).hexdigest(), file)
 
 
 def read_bytes(path: str | Path, stdin: BinaryIO | None = None) -> tuple[str, bytes]:
@@ -249,8 +249,8 @@ def read_bytes(path: str | Path, stdin: BinaryIO | None = None) -> tuple[str, by
                             "Check the path of the parameter file.") from None
 
 
-def _square(section: shapes.CovarianceSection | None, name: str) -> None:
-    """A covariance has one row and one column per name."""
+def _check_square(section: shapes.CovarianceSection | None, name: str) -> None:
+    """Refuse a covariance without exactly one row and one column per name."""
     if section is None:
         return
     n = len(section.names)
@@ -260,9 +260,9 @@ def _square(section: shapes.CovarianceSection | None, name: str) -> None:
                             "Correct it, or delete the whole covariance section.")
 
 
-def _shaped(section: shapes.DriveSection, drive: Drive, name: str) -> Drive:
+def _drive_of_section(section: shapes.DriveSection, drive: Drive, name: str) -> Drive:
     """The chain a drive section describes; what it leaves out is as in `drive`."""
-    _same_units(section, drive, name)
+    _check_units(section, drive, name)
     law = section.damping_law or drive.damping_law
     if section.bodies is None:
         if section.shafts is not None:
@@ -280,15 +280,15 @@ def _shaped(section: shapes.DriveSection, drive: Drive, name: str) -> Drive:
     shafts = section.shafts
     if shafts is None:
         shafts = ["shaft", *(f"shaft{i}" for i in range(2, len(bodies)))][: len(bodies) - 1]
-    _chain(bodies, tuple(shafts), name)
+    _check_chain(bodies, tuple(shafts), name)
     return Drive(section.name or "custom", bodies, tuple(shafts), {},
                  drive.torque_unit, drive.motion_unit, law, input_unit=drive.input_unit)
 
 
-def _with_records(drive: Drive, source: Source) -> Drive:
-    """The drive that knows the recordings of a file.
+def _with_records(drive: Drive, source: ParameterSource) -> Drive:
+    """The drive with the recordings of a file.
 
-    Of two recordings that are called alike the earlier one is forgotten; one that has a new name goes by that.
+    Of two recordings with the same name the earlier one is dropped; a recording with a new name is renamed.
     """
     entries = [] if source.file.records is msgspec.UNSET else source.file.records
     records = {entry.file: entry.sha256.lower() for entry in entries}
@@ -302,15 +302,15 @@ def _with_records(drive: Drive, source: Source) -> Drive:
     renamed = {old: names.get(sha, "" if old in records else old) for old, sha in drive.records.items()}
     values = {}
     for n, v in drive.values.items():
-        kind, at, old = n.partition(AT)
+        kind, at, old = n.partition(RECORD_MARK)
         if not at or renamed[old]:
-            values[f"{kind}{AT}{renamed[old]}" if at else n] = v
-    kept = {new: drive.records[old] for old, new in renamed.items() if new}
-    return replace(drive, values=values, records={**kept, **records})
+            values[f"{kind}{RECORD_MARK}{renamed[old]}" if at else n] = v
+    renamed_records = {new: drive.records[old] for old, new in renamed.items() if new}
+    return replace(drive, values=values, records={**renamed_records, **records})
 
 
-def _chain(bodies: tuple[str, ...], shafts: tuple[str, ...], name: str) -> None:
-    """Names that can be told apart, and one shaft between neighbours."""
+def _check_chain(bodies: tuple[str, ...], shafts: tuple[str, ...], name: str) -> None:
+    """Refuse names that are not unique, and chains without exactly one shaft between neighbours."""
     names = bodies + shafts
     if not bodies or len(shafts) != len(bodies) - 1:
         raise BadParameters("at least one body and one shaft fewer than bodies",
@@ -323,21 +323,21 @@ def _chain(bodies: tuple[str, ...], shafts: tuple[str, ...], name: str) -> None:
                 "Choose another name; total and converter are taken.")
 
 
-def _same_units(section: shapes.DriveSection, drive: Drive, name: str) -> None:
-    """Parameters in Nm say nothing about a recording in A, but with a torque constant."""
+def _check_units(section: shapes.DriveSection, drive: Drive, name: str) -> None:
+    """Refuse parameters in another unit than the recording: Nm and A need a torque constant between them."""
     do = "Use parameters from a recording of the same kind, or correct the unit in the channel map."
     for word, wanted, found in (("torque", drive.torque_unit, section.torque_unit),
                                 ("motion", drive.motion_unit, section.motion_unit),
                                 ("motor's input", drive.input_unit, section.input_unit or None)):
         if found not in (None, wanted):
-            if word == "torque" and wanted in ELECTRIC and found not in ELECTRIC:
+            if word == "torque" and wanted in ELECTRIC_UNITS and found not in ELECTRIC_UNITS:
                 do = f"Give {drive.bodies[0]}.torque_constant in {found}/{wanted}, with --set or in the file."
             raise BadParameters(f"parameters for a {word} in {wanted}, the unit of the recording",
                                 f"{found} in {name}", do)
 
 
-def _not_both(values: Mapping[str, float], drive: Drive, name: str) -> None:
-    """A total and its parts in one file contradict each other, or say the same twice."""
+def _check_totals(values: Mapping[str, float], drive: Drive, name: str) -> None:
+    """Refuse a total together with its parts: they are redundant or contradict each other."""
     for total, suffix in TOTALS.items():
         parts = [n for n in values if shared(n) in {f"{body}.{suffix}" for body in drive.bodies}]
         if parts and any(shared(n) == total for n in values):
@@ -345,10 +345,10 @@ def _not_both(values: Mapping[str, float], drive: Drive, name: str) -> None:
                                 "Delete the total or the parts.")
 
 
-def _measure(section: shapes.MeasureSection, unit: str, what: str, name: str, least: float = 1e-300) -> float:
+def _converted(section: shapes.MeasureSection, unit: str, what: str, name: str, least: float = 1e-300) -> float:
     """A number of the file in a unit; above zero unless `least` says otherwise."""
-    with naming(name):
-        value = section.value * units.factor(section.unit, unit, what)
+    with file_named_in_errors(name):
+        value = section.value * units.conversion_factor(section.unit, unit, what)
     if not least <= value < float("inf"):
         raise BadParameters(f"{what} above zero", f"{section.value:g} {section.unit} in {name}", "Correct it.")
     return value

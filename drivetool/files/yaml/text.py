@@ -14,12 +14,13 @@ from drivetool.errors import BadParameters
 
 # YAML 1.1, which PyYAML follows, takes 1e-5 for text; a person who writes it means a number.
 _NUMBER = re.compile(r"^[-+]?(?:\.[0-9]+|[0-9]+\.?[0-9]*)[eE][-+]?[0-9]+$")
-_LARGEST = 1.797693134e308
+# Largest double of ten digits: rounding the largest finite one (1.7976931348...e308) up would give infinity.
+_LARGEST_ROUNDED = 1.797693134e308
 # YAML reads these as line breaks, and the first as a plain one.
-_BREAKS = re.compile("[\x85\u2028\u2029]")
+_LINE_BREAKS = re.compile("[\x85\u2028\u2029]")
 # A terminal obeys control characters, UTF-8 has no lone surrogates, and XML 1.0 has no place for most of these, not
 # even escaped (section 2.2).
-_UNSEEN = re.compile("[\x00-\x08\x0b-\x1f\x7f-\x9f\u2028\u2029\ud800-\udfff\ufffe\uffff]")
+_UNPRINTABLE = re.compile("[\x00-\x08\x0b-\x1f\x7f-\x9f\u2028\u2029\ud800-\udfff\ufffe\uffff]")
 
 
 class _Loader(yaml.SafeLoader):
@@ -62,16 +63,16 @@ def _rounded(value: float) -> float:
     """10 significant digits; minus zero becomes zero, and rounding never overflows."""
     rounded = float(f"{value:.10g}")
     if math.isinf(rounded):
-        return math.copysign(_LARGEST, value)
+        return math.copysign(_LARGEST_ROUNDED, value)
     return rounded if rounded else 0.0
 
 
-def plain(value: Any) -> Any:
+def to_plain(value: Any) -> Any:
     """Mappings, lists, text, whole numbers and rounded floats only; NaN and infinity are None."""
     if isinstance(value, Mapping):
-        return {str(key): plain(item) for key, item in value.items()}
+        return {str(key): to_plain(item) for key, item in value.items()}
     if isinstance(value, list | tuple):
-        return [plain(item) for item in value]
+        return [to_plain(item) for item in value]
     if value is None or isinstance(value, str | bool):
         return value
     if isinstance(value, int):
@@ -79,30 +80,30 @@ def plain(value: Any) -> Any:
     if isinstance(value, float):
         return _rounded(float(value)) if math.isfinite(value) else None
     if hasattr(value, "tolist"):  # NumPy arrays and scalars, without importing NumPy
-        return plain(value.tolist())
+        return to_plain(value.tolist())
     raise TypeError(f"{type(value).__name__} has no place in a file; give numbers, text, lists or mappings")
 
 
-def several(n: int, noun: str) -> str:
+def counted_noun(n: int, noun: str) -> str:
     """'no recordings', '1 recording', '2 recordings'."""
     return f"{n or 'no'} {noun}{'' if n == 1 or noun.endswith('s') else 's'}"
 
 
 def to_yaml(document: Mapping[str, Any]) -> str:
-    """Block YAML in the order given; what cannot be seen, and bytes of a file name that are no text, escaped."""
-    return yaml.dump(plain(document), Dumper=_Dumper, sort_keys=False, default_flow_style=False,
+    """Block YAML in the order given; unprintable characters, and bytes of a file name that are no text, escaped."""
+    return yaml.dump(to_plain(document), Dumper=_Dumper, sort_keys=False, default_flow_style=False,
                      allow_unicode=True, width=110)
 
 
 def to_json(document: Mapping[str, Any]) -> str:
     """The same content as `to_yaml`, as indented JSON."""
-    text = json.dumps(plain(document), indent=2, ensure_ascii=False, allow_nan=False)
-    return visible(text) + "\n"
+    text = json.dumps(to_plain(document), indent=2, ensure_ascii=False, allow_nan=False)
+    return escape_unprintable(text) + "\n"
 
 
-def visible(text: str) -> str:
-    """What a file or a terminal cannot show, as it is written in source code."""
-    return _UNSEEN.sub(lambda found: f"\\u{ord(found[0]):04x}", text)
+def escape_unprintable(text: str) -> str:
+    """The text with characters that a file or a terminal cannot show as escape sequences."""
+    return _UNPRINTABLE.sub(lambda found: f"\\u{ord(found[0]):04x}", text)
 
 
 def from_yaml(data: bytes | str, name: str) -> dict[Any, Any]:
@@ -130,18 +131,18 @@ def from_yaml(data: bytes | str, name: str) -> dict[Any, Any]:
         raise BadParameters(
             wanted, f"{name} empty", "Check that the right file was given; what writes it may have failed.")
     if not isinstance(value, dict):
-        raise BadParameters(wanted, f"a {_kind(value)} in {name}",
+        raise BadParameters(wanted, f"a {_type_word(value)} in {name}",
                             "Check that the right file was given.")
     return value
 
 
-def _kind(value: Any) -> str:
+def _type_word(value: Any) -> str:
     """The YAML word for a value's type."""
     return {list: "list", str: "text", bool: "boolean", int: "number", float: "number"}.get(
         type(value), type(value).__name__)
 
 
-def _short(items: list[Any]) -> bool:
+def _fits_one_line(items: list[Any]) -> bool:
     """Whether a list reads best on one line."""
     return all(not isinstance(item, dict | list) and len(str(item)) <= 40 for item in items)
 
@@ -151,6 +152,6 @@ for _class in (_Loader, _Dumper):
     _class.add_implicit_resolver(_FLOAT, _NUMBER, list("-+.0123456789"))
 _Dumper.add_representer(float, lambda dumper, value: dumper.represent_scalar(_FLOAT, number_text(value)))
 _Dumper.add_representer(str, lambda dumper, text: dumper.represent_scalar(
-    "tag:yaml.org,2002:str", text, style='"' if _BREAKS.search(text) else None))
+    "tag:yaml.org,2002:str", text, style='"' if _LINE_BREAKS.search(text) else None))
 _Dumper.add_representer(list, lambda dumper, items: dumper.represent_sequence(
-    "tag:yaml.org,2002:seq", items, flow_style=_short(items)))
+    "tag:yaml.org,2002:seq", items, flow_style=_fits_one_line(items)))

@@ -6,14 +6,13 @@ import math
 import re
 
 from drivetool.errors import BadParameters
-from drivetool.quantity import ELECTRIC
+from drivetool.quantity import ELECTRIC_UNITS
 
-# symbol -> (factor to SI, exponents of kg, m, s, A, rad, %). The radian counts as a dimension of
-# its own, so that a stiffness in Nm is not taken for one in Nm/rad; so does the per cent, for a torque in
-# Nm is none of 1 Nm/%. Alone it is a hundredth.
+# symbol -> (factor to SI, exponents of kg, m, s, A, rad, %). The radian counts as a dimension of its own, so that
+# a stiffness in Nm is not taken for one in Nm/rad. So does the per cent: 1 Nm is not 1 Nm/%. Alone it is 0.01.
 _FORCE, _TORQUE, _VOLTAGE = (1, 1, -2, 0, 0, 0), (1, 2, -2, 0, 0, 0), (1, 2, -3, -1, 0, 0)
-_PLAIN, _PERCENT = (0, 0, 0, 0, 0, 0), (0, 0, 0, 0, 0, 1)
-ATOMS: dict[str, tuple[float, tuple[int, ...]]] = {
+_DIMENSIONLESS, _PERCENT = (0, 0, 0, 0, 0, 0), (0, 0, 0, 0, 0, 1)
+UNIT_SYMBOLS: dict[str, tuple[float, tuple[int, ...]]] = {
     "": (1.0, (0, 0, 0, 0, 0, 0)),
     "1": (1.0, (0, 0, 0, 0, 0, 0)),
     "-": (1.0, (0, 0, 0, 0, 0, 0)),
@@ -52,36 +51,36 @@ ATOMS: dict[str, tuple[float, tuple[int, ...]]] = {
     "MNm": (1e6, _TORQUE),
 }
 _TOKEN = re.compile(r"\s*(?:(?P<atom>[A-Za-z%]+|1|-(?=\s*$))(?:\^|\*\*)?(?P<power>-?\d)?|(?P<op>[/()*]))")
-_REPLACED = {"kgm": "kg m", "kgcm": "kg cm", "kgmm": "kg mm",
+_SPELLINGS = {"kgm": "kg m", "kgcm": "kg cm", "kgmm": "kg mm",
              "²": "^2", "³": "^3", "·": "*", "µ": "u", "μ": "u", "°": "deg"}
 
 
 def is_known(unit: str) -> bool:
     """Whether a unit can be read."""
     try:
-        _parse(unit)
+        _parse_unit(unit)
     except ValueError:
         return False
     return True
 
 
-def factor(unit: str, wanted: str, what: str) -> float:
+def conversion_factor(unit: str, wanted: str, what: str) -> float:
     """What a number in `unit` is multiplied with to be in `wanted`.
 
     unit    as a person wrote it
     wanted  the drive's own unit, for example 'kg m^2'
     what    the parameter, for the message
-    raises  BadParameters: a unit nobody knows, or of another kind
+    raises  BadParameters: an unknown unit, or one of another dimension
     """
     if unit == wanted:
         return 1.0
     try:
-        (scale, kind), (base, target) = _parse(unit), _parse(wanted)
+        (scale, kind), (base, target) = _parse_unit(unit), _parse_unit(wanted)
     except ValueError:
         scale, kind, base, target = 1.0, None, 1.0, ()
     if wanted == "kg m^2" and kind:
         kind = (*kind[:4], 0, kind[5])  # Nm s^2/rad is the same inertia
-    if (kind, target) == (_PERCENT, _PLAIN):
+    if (kind, target) == (_PERCENT, _DIMENSIONLESS):
         kind, scale = target, 0.01 * scale
     if kind != target:
         raise BadParameters(f"{what} in {wanted or 'no unit (a plain number)'}", f"unit '{unit}'",
@@ -90,18 +89,18 @@ def factor(unit: str, wanted: str, what: str) -> float:
 
 
 def torque_over_input(unit: str) -> tuple[str, str] | None:
-    """Units (torque, input) of a torque constant that a person wrote: ('Nm', 'A') of 'mNm/kA'; None: no such."""
+    """Units (torque, input) of a torque constant as written: ('Nm', 'A') of 'mNm/kA'; None: no torque constant."""
     try:
-        kind = _parse(unit)[1]
+        kind = _parse_unit(unit)[1]
     except ValueError:
         return None
-    return next(((torque, fed) for torque in ("Nm", "N") for fed in ELECTRIC
-                 if kind == _parse(f"{torque}/{fed}")[1]), None)
+    return next(((torque, fed) for torque in ("Nm", "N") for fed in ELECTRIC_UNITS
+                 if kind == _parse_unit(f"{torque}/{fed}")[1]), None)
 
 
-def _parse(text: str) -> tuple[float, tuple[int, ...]]:
+def _parse_unit(text: str) -> tuple[float, tuple[int, ...]]:
     """(factor to SI, exponents) of a unit; ValueError if it cannot be read."""
-    for old, new in _REPLACED.items():
+    for old, new in _SPELLINGS.items():
         text = text.replace(old, new)
     tokens, at = [], 0
     while at < len(text.rstrip()):
@@ -110,33 +109,33 @@ def _parse(text: str) -> tuple[float, tuple[int, ...]]:
             raise ValueError(text)
         tokens.append(match)
         at = match.end()
-    result, rest = _product(tokens)
+    result, rest = _parse_product(tokens)
     if rest:
         raise ValueError(text)
     return result
 
 
-def _product(tokens: list[re.Match]) -> tuple[tuple[float, tuple[int, ...]], list[re.Match]]:
+def _parse_product(tokens: list[re.Match]) -> tuple[tuple[float, tuple[int, ...]], list[re.Match]]:
     """Read factors up to the end or a closing bracket; a slash divides by the next factor."""
-    scale, kind, sign = 1.0, _PLAIN, 1
+    scale, exponents, sign = 1.0, _DIMENSIONLESS, 1
     while tokens and tokens[0]["op"] != ")":
         token, tokens = tokens[0], tokens[1:]
         if token["op"] in ("/", "*"):
             sign = -1 if token["op"] == "/" else 1
             continue
         if token["op"] == "(":
-            (size, dims), tokens = _product(tokens)
+            (size, dims), tokens = _parse_product(tokens)
             if not tokens:
                 raise ValueError("bracket")
             tokens, power = tokens[1:], sign
-        elif token["atom"] in ATOMS:
-            size, dims = ATOMS[token["atom"]]
+        elif token["atom"] in UNIT_SYMBOLS:
+            size, dims = UNIT_SYMBOLS[token["atom"]]
             power = sign * int(token["power"] or 1)
         else:
             raise ValueError(token[0])
         scale *= size**power
-        kind = tuple(a + power * b for a, b in zip(kind, dims, strict=True))
+        exponents = tuple(a + power * b for a, b in zip(exponents, dims, strict=True))
         sign = 1
     if sign < 0:
         raise ValueError("nothing after the slash")
-    return (scale, kind), tokens
+    return (scale, exponents), tokens

@@ -1,7 +1,7 @@
 from .estimator import (
-    Rigid as Rigid,
+    RigidDrive as RigidDrive,
     acceleration as acceleration,
+    as_drive_parameters as as_drive_parameters,
     held_value as held_value,
-    in_the_drive as in_the_drive,
     rigid_of as rigid_of,
 )

@@ -1,6 +1,6 @@
 """The step backlash.
 
-Experiments that open the gap, a drive and options come in. The half gap and what is freed beside it go out as an
+Experiments that open the gap, a drive and options come in. The half gap and the other free parameters go out as an
 Estimate.
 """
 

@@ -1,1 +1,1 @@
-from .estimator import backlash as backlash, valleys as valleys
+from .estimator import backlash as backlash, local_minima as local_minima

@@ -1,7 +1,7 @@
 """Backlash: the half gap of a shaft, from a record that opens it.
 
-The likelihood has several optima across a gap, so several starting values are tried. "The gap
-was not crossed" and "not distinguishable from zero, at most x" are answers.
+With a gap the likelihood has several optima, so the fit is a multi-start one. "The gap was not crossed" and "not
+distinguishable from zero, at most x" are results.
 """
 
 from __future__ import annotations
@@ -14,181 +14,191 @@ import numpy as np
 
 from drivetool.drive import TOTALS, Drive
 from drivetool.errors import BadOption, Finding
-from drivetool.identify.channels import doubted_channels, torque_timing
-from drivetool.identify.estimate import Z95, Estimate, Exhibit, Parameter, covariance_of, without_untold
+from drivetool.identify.channels import suspect_channel_findings, torque_timing
+from drivetool.identify.estimate import (
+    Z95,
+    Estimate,
+    Parameter,
+    PlotData,
+    covariance_of,
+    without_not_identifiable_findings,
+)
 from drivetool.identify.fit import (
     Contact,
-    again,
-    apart,
-    contact,
-    fit_apart,
+    contact_of,
+    fit_noise_only,
     fit_task,
-    frozen,
+    fit_with_friction_split,
     looks_coloured,
+    refit,
     split_totals,
+    with_friction_parts,
 )
-from drivetool.identify.greybox import ALL, chosen, expanded
+from drivetool.identify.greybox import ALL, free_parameters, with_all_expanded
 from drivetool.identify.identifiability import (
-    LEVEL95,
+    HALF_CHI2_95,
     Profile,
-    fit_light,
-    from_below,
-    judged,
-    loosened,
+    fit_low_inertia_ratio,
     never_crossed,
     profile,
-    unbounded,
+    with_low_inertia_findings,
+    with_lower_limit_only,
+    with_uncertain_values_free,
+    without_upper_limit,
 )
-from drivetool.identify.laws import explained
+from drivetool.identify.laws import default_fit
 from drivetool.identify.noise import Noise, filtered, fit_ratio, minus_log_likelihood
-from drivetool.identify.outcome import compose, unsettled
+from drivetool.identify.outcome import compose, not_converged
 from drivetool.identify.problem import Point
 from drivetool.identify.setup import (
     Options,
     Outcome,
     Roles,
     Task,
+    after_transient,
     at_rates,
     first_states,
     known_states,
-    led_in,
-    only_in_greybox,
+    refuse_free_torque_constants,
     roles_of,
     shared_by_some,
 )
 from drivetool.identify.shaft_torque import (
     BothLaws,
-    as_in_file,
     both_laws,
     both_laws_from,
-    details_of,
-    friction_told,
+    dead_stretch_details,
+    gap_law_findings,
     has_sides,
-    laws_told,
+    with_friction_of_file,
     with_frictions,
+    with_identified_friction,
 )
-from drivetool.identify.starts import AT_ONCE, agrees
+from drivetool.identify.starts import PARALLEL_STARTS, start_agrees
 from drivetool.logs import Experiment
-from drivetool.logs.samples import measured
+from drivetool.logs.samples import without_unmeasured
 
-# Half gaps to look at, over the twist that the torque of the record makes.
-SCAN = np.geomspace(0.01, 300.0, 205)
-VALLEYS = 3  # of the scan from which fits start
-SPREAD = [0.5, 2.0]  # further shares to start from
-WIDE = 0.3  # relative std beyond which the curvature is not trusted
+# Half gaps of the likelihood scan, over the twist by the torque of the record. A choice: steps of 5 %, as the local
+# optima are narrow; every eighth one estimates the noise.
+HALF_GAP_SCAN = np.geomspace(0.01, 300.0, 205)
+MAX_GAP_STARTS = 3  # local optima of the scan from which fits start. A choice: each costs a fit
+FURTHER_SHARES = [0.5, 2.0]  # further shares to start from. A choice: on either side of the twist
+# Relative std beyond which the interval by curvature would come within 3.3 std of zero.
+MAX_CURVATURE_RELATIVE_STD = 0.3
 
 
 def backlash(experiments: Sequence[Experiment], drive: Drive, options: Options) -> Estimate:
-    """Half gap of the shafts; linear parameters are held unless freed, or told again by contacts with a sensor.
+    """Half gap of the shafts; linear parameters are held unless freed, or identified from contacts with a sensor.
 
     experiments  records whose shaft torque changes sign
     drive        inertias, stiffness, damping and friction from the steps before
     options      hold, free, criterion, starts, segment, start
-    returns      Estimate of <shaft>.half_gap [rad], interval by curvature, or by profile likelihood
-                 where that is wide
+    returns      Estimate of <shaft>.half_gap [rad], interval by curvature; by profile likelihood where it is wide
     raises       BadOption: a drive without shaft; BadParameters: a value is missing
     source       Tallfors 2005, sec. 5.6 and ch. 6; Nordin, Galic, Gutman 1997
     """
     if not drive.shafts:
         raise BadOption("a drive with a shaft", f"the {drive.name} drive", "Use --drive two-mass.")
-    only_in_greybox(options.free)
+    refuse_free_torque_constants(options.free)
     drive.require(drive.missing(), "a backlash fit")
-    experiments = [led_in(measured(e), drive, options.free) for e in at_rates("backlash", experiments, options)]
+    experiments = [after_transient(without_unmeasured(e), drive, options.free)
+                   for e in at_rates("backlash", experiments, options)]
     roles = roles_of(experiments, drive)
     if options.criterion == "inverse":
         return _by_inverse(experiments, drive, options, roles)
     if {ALL, *TOTALS} & set(options.free) or has_sides(drive, roles, options):
         drive = with_frictions(drive, roles, options)
-    asked, options = options, expanded(options, drive, experiments)
+    requested, options = options, with_all_expanded(options, drive, experiments)
     gaps = [f"{s}.half_gap" for s in drive.shafts]
-    free = shared_by_some(chosen(drive, gaps, options), drive, experiments)
+    free = shared_by_some(free_parameters(drive, gaps, options), drive, experiments)
     gaps = [g for g in gaps if g in free]
     task = Task(drive, free, roles, tuple(experiments), known_states(options.start, drive, free, roles))
-    closed = {g: contact(task.at({g: 0.0}), drive.shafts.index(g.split(".")[0])) for g in gaps}
-    shut = [g for g in gaps if not closed[g].reverses]
-    if shut:
-        return _not_crossed(task, drive, shut, closed, options)
-    loose, least = loosened(task, asked), {}
-    laws = both_laws(task, asked)
+    closed = {g: contact_of(task.at({g: 0.0}), drive.shafts.index(g.split(".")[0])) for g in gaps}
+    if unopened := [g for g in gaps if not closed[g].reverses]:
+        return _unopened_estimate(task, drive, unopened, closed, options)
+    freed, lower_limits = with_uncertain_values_free(task, requested), {}
+    laws = both_laws(task, requested)
     if laws is not None:
-        white = friction_told(laws.outcome, drive, options, asked)
-    elif loose is None:
-        white = fit_apart(task, options, asked, _starts(task, gaps, options))
-        white = friction_told(white, drive, options, asked)
+        white = with_identified_friction(laws.outcome, drive, options, requested)
+    elif freed is None:
+        white = fit_with_friction_split(task, options, requested, _half_gap_starts(task, gaps, options))
+        white = with_identified_friction(white, drive, options, requested)
     else:
-        white, least = _with_linear(loose, gaps, options, asked)
-    if laws is None and not least:
-        laws, white = _by_better_law(white, asked)
-    fit = explained(white, options, bool(least))
+        white, lower_limits = _fit_low_inertia(freed, gaps, options, requested)
+    if laws is None and not lower_limits:
+        laws, white = _with_likelier_law(white, requested)
+    fit = default_fit(white, options, bool(lower_limits))
     outcome, explanation = fit.outcome, fit.explanation
-    profiles = {g: _profile(outcome, g) for g in gaps if outcome.fit is not None
-                and not unsettled(outcome) and g not in least and _wide(outcome, g)}
-    estimate = compose("backlash", drive, outcome, explanation.findings if explanation else (),
-                       {"contact": _counts(outcome, drive, gaps), **(details_of(laws) if laws else {})},
-                       known=options.known, explanation=explanation)
-    estimate = as_in_file(estimate, outcome, options, free, explanation)
-    estimate = replace(estimate, findings=(*torque_timing(white), *doubted_channels(task, outcome.drive),
-                                           *laws_told(laws, outcome, free, not unsettled(outcome)),
+    profiles = {g: _half_gap_profile(outcome, g) for g in gaps if outcome.fit is not None
+                and not not_converged(outcome) and g not in lower_limits and _is_wide(outcome, g)}
+    estimate = compose(
+        "backlash", drive, outcome, explanation.findings if explanation else (),
+        {"contact": _contact_counts(outcome, drive, gaps), **(dead_stretch_details(laws) if laws else {})},
+        known=options.known, explanation=explanation)
+    estimate = with_friction_of_file(estimate, outcome, options, free, explanation)
+    estimate = replace(estimate, findings=(*torque_timing(white), *suspect_channel_findings(task, outcome.drive),
+                                           *gap_law_findings(laws, outcome, free, not not_converged(outcome)),
                                            *estimate.findings))
     for name, found in profiles.items():
-        estimate = _by_profile(estimate, name, found)
-    for name, low in least.items():
-        estimate = from_below(estimate, name, low)
-    estimate = _one_sided_contact(without_ambiguous(estimate, outcome, gaps), outcome, gaps)
+        estimate = _with_profile_interval(estimate, name, found)
+    for name, low in lower_limits.items():
+        estimate = with_lower_limit_only(estimate, name, low)
+    estimate = _with_one_sided_findings(without_ambiguous(estimate, outcome, gaps), outcome, gaps)
     if fit.alone:
         estimate = replace(estimate, explanation=fit.alone)
-    return judged(estimate, outcome, gaps, loose and [n for n in loose.free if n not in task.free])
+    return with_low_inertia_findings(estimate, outcome, gaps, freed and [n for n in freed.free if n not in free])
 
 
-def _by_better_law(white: Outcome, asked: Options) -> tuple[BothLaws | None, Outcome]:
-    """Both laws of the gap from where a fit led, and the fit by the other law where that leads.
+def _with_likelier_law(white: Outcome, requested: Options) -> tuple[BothLaws | None, Outcome]:
+    """Both laws of the gap from the optimum of a fit, and the fit by the other law where that is likelier.
 
-    Of a fit that may be astray neither law would be the machine's.
+    After a fit that has not converged, neither law would be the machine's.
     """
-    laws = None if unsettled(white) else both_laws_from(white, asked)
+    laws = None if not_converged(white) else both_laws_from(white, requested)
     other = laws is not None and laws.outcome.drive.damping_law != white.drive.damping_law
     return laws, laws.outcome if laws is not None and other else white
 
 
 def _by_inverse(experiments: Sequence[Experiment], drive: Drive, options: Options, roles: Roles) -> Estimate:
-    """The fit of the torque that the motion asks for."""
+    """The fit of the required torque."""
     from drivetool.identify.inverse import greybox_by_inverse
 
-    drive = apart(drive)
-    free = chosen(drive, [f"{s}.half_gap" for s in drive.shafts], expanded(options, drive, experiments))
+    drive = with_friction_parts(drive)
+    free = free_parameters(drive, [f"{s}.half_gap" for s in drive.shafts],
+                           with_all_expanded(options, drive, experiments))
     free = shared_by_some(free, drive, experiments)
     return replace(greybox_by_inverse(experiments, drive, free, roles, options), step="backlash")
 
 
-def _with_linear(task: Task, gaps: Sequence[str], options: Options, asked: Options,
+def _fit_low_inertia(task: Task, gaps: Sequence[str], options: Options, requested: Options,
                  ) -> tuple[Outcome, dict[str, float]]:
-    """The fit of a light load, and the least half gap of each gap that was never crossed."""
-    outcome, least = fit_light(task, options.known, options), {}
-    doubtful = sum(agrees(outcome, s) for s in outcome.starts) < 2
-    if not doubtful:
-        outcome = split_totals(outcome, asked)
-        if unsettled(outcome):  # a few rounds more: the place is confirmed
-            outcome = again(outcome.task.at_point(outcome.solution.point), outcome.fit.noise)
+    """The fit of a low load inertia, and the lower limit of each gap that was never crossed."""
+    outcome, lower_limits = fit_low_inertia_ratio(task, options.known, options), {}
+    single_start = sum(start_agrees(outcome, s) for s in outcome.starts) < 2
+    if not single_start:
+        outcome = split_totals(outcome, requested)
+        if not_converged(outcome):  # a few rounds more: two starts agree on this optimum
+            outcome = refit(outcome.task.at_point(outcome.solution.point), outcome.fit.noise)
     for g in gaps:
         found = never_crossed(outcome, g)
-        # Two fits that explain the record equally badly say nothing.
-        if found and not (doubtful and looks_coloured(found[0].fit.passes)):
-            outcome, least[g] = found
-    return outcome, least
+        # Two fits that explain the record equally badly give no lower limit.
+        if found and not (single_start and looks_coloured(found[0].fit.passes)):
+            outcome, lower_limits[g] = found
+    return outcome, lower_limits
 
 
-def _starts(task: Task, gaps: Sequence[str], options: Options) -> list[dict[str, float]]:
-    """Half gaps to start from: the one given, and where a scan of the likelihood has its valleys.
+def _half_gap_starts(task: Task, gaps: Sequence[str], options: Options) -> list[dict[str, float]]:
+    """Half gaps to start from: the one given, and the local optima of a scan of the likelihood.
 
-    With the other parameters held, one Kalman pass tells the likelihood of a half gap: cheap
-    enough to look everywhere, and the valleys are narrow.
+    With the other parameters held, one Kalman pass gives the likelihood of a half gap: cheap enough for a dense
+    scan, which the narrow optima need.
     """
     torque = np.concatenate([e.signals["motor_torque"] for e in task.experiments])
     given = {g: v for g in gaps if (v := task.drive.value(g) or 0.0) > 0.0}
     starts = [given] if given else []
     twist = {g: float(np.nanstd(torque)) / task.drive.value(g.split(".")[0] + ".stiffness") for g in gaps}
 
-    def look(share: float, noise: Noise | None) -> tuple[float, Noise]:
+    def likelihood_at(share: float, noise: Noise | None) -> tuple[float, Noise]:
         trial = task.at({g: share * twist[g] for g in gaps})
         problem = trial.problem(free=())
         point = Point(np.empty(0), first_states(trial.drive, task.roles, problem.traces))
@@ -196,34 +206,36 @@ def _starts(task: Task, gaps: Sequence[str], options: Options) -> list[dict[str,
             noise = fit_ratio(problem, point, Noise(1.0, None, problem.scale))
         return minus_log_likelihood(filtered(problem, point, noise, keep=False)), noise
 
-    with ThreadPoolExecutor(AT_ONCE) as pool:
-        coarse = list(pool.map(lambda share: look(share, None), SCAN[::8]))
+    with ThreadPoolExecutor(PARALLEL_STARTS) as pool:
+        coarse = list(pool.map(lambda share: likelihood_at(share, None), HALF_GAP_SCAN[::8]))
         noise = min(coarse, key=lambda pair: pair[0])[1]
-        values = np.array([value for value, _ in pool.map(lambda share: look(share, noise), SCAN)])
-        lowest = valleys(values)[: 3 * VALLEYS]
-        looks = dict(zip(lowest, pool.map(lambda i: look(SCAN[i], None)[0], lowest), strict=True))
-    lowest = sorted(lowest, key=looks.__getitem__)[: options.starts or VALLEYS]
-    shares = [float(SCAN[i]) for i in lowest]
-    if len(task.free) > len(gaps):  # the valleys lie elsewhere once the others move
-        shares += SPREAD
+        values = np.array([value for value, _ in pool.map(
+            lambda share: likelihood_at(share, noise), HALF_GAP_SCAN)])
+        lowest = local_minima(values)[: 3 * MAX_GAP_STARTS]
+        refined = dict(zip(lowest, pool.map(
+            lambda i: likelihood_at(HALF_GAP_SCAN[i], None)[0], lowest), strict=True))
+    lowest = sorted(lowest, key=refined.__getitem__)[: options.starts or MAX_GAP_STARTS]
+    shares = [float(HALF_GAP_SCAN[i]) for i in lowest]
+    if len(task.free) > len(gaps):  # the optima shift when the other parameters are free
+        shares += FURTHER_SHARES
     return starts + [{g: share * twist[g] for g in gaps} for share in shares]
 
 
-def valleys(values: np.ndarray) -> list[int]:
+def local_minima(values: np.ndarray) -> list[int]:
     """Indices of the local minima of (n,) values, the lowest first."""
     padded = np.concatenate(([np.inf], values, [np.inf]))
     local = np.flatnonzero((values <= padded[:-2]) & (values <= padded[2:]))
     return [int(i) for i in local[np.argsort(values[local], kind="stable")]]
 
 
-def _wide(outcome: Outcome, name: str) -> bool:
+def _is_wide(outcome: Outcome, name: str) -> bool:
     covariance, _, free = covariance_of(outcome.problem, outcome.solution)
     j = outcome.problem.names.index(name)
     value = outcome.solution.point.values[j]
-    return not free[j] or not np.sqrt(covariance[j, j]) < WIDE * value
+    return not free[j] or not np.sqrt(covariance[j, j]) < MAX_CURVATURE_RELATIVE_STD * value
 
 
-def _profile(outcome: Outcome, name: str) -> Profile:
+def _half_gap_profile(outcome: Outcome, name: str) -> Profile:
     covariance, _, _ = covariance_of(outcome.problem, outcome.solution)
     j = outcome.problem.names.index(name)
     std, value = np.sqrt(covariance[j, j]), outcome.solution.point.values[j]
@@ -231,43 +243,43 @@ def _profile(outcome: Outcome, name: str) -> Profile:
     return profile(outcome, name, float(step))
 
 
-def _by_profile(estimate: Estimate, name: str, found: Profile) -> Estimate:
+def _with_profile_interval(estimate: Estimate, name: str, found: Profile) -> Estimate:
     """Replace the interval of a half gap by that of its profile."""
     line = next(p for p in estimate.parameters if p.name == name)
     low = found.low if found.low is not None else 0.0
     at_zero = found.low is None
     findings = list(estimate.findings)
     if found.high is None:
-        new, finding = unbounded(line, low)
+        new, finding = without_upper_limit(line, low)
         findings.append(finding)
     elif at_zero:
         new = replace(line, std=None, ci95=(0.0, found.high), status="at-bound" if line.value <= 0.0 else "fitted",
                       reason="not distinguishable from zero; the interval is one-sided")
         findings.append(Finding(
-            "note", "half-gap-not-distinguishable",
+            "note", "gap-not-significant",
             f"{name} is not distinguishable from zero; it is at most {found.high:.3g} {line.unit}.",
             {"at_most": found.high}, "Smaller torque steps around zero shaft torque show smaller gaps.", name))
     else:
-        # What the explanations disagree in is beyond the profile, which is of one of them.
-        apart = Z95 * (line.std_structure or 0.0)
-        low = line.value - np.hypot(line.value - low, apart)
-        high = line.value + np.hypot(found.high - line.value, apart)
+        # The profile is of one candidate model: the disagreement between the candidates is added.
+        structure = Z95 * (line.std_structure or 0.0)
+        low = line.value - np.hypot(line.value - low, structure)
+        high = line.value + np.hypot(found.high - line.value, structure)
         new = replace(line, ci95=(max(low, 0.0), high), status="fitted",
                       std=line.std if line.std is not None else (high - low) / (2.0 * Z95))
-    findings = without_untold(findings, {name})
-    curve = Exhibit("profile", f"Profile likelihood of {name}", f"{name} [{line.unit}]",
+    findings = without_not_identifiable_findings(findings, {name})
+    curve = PlotData("profile", f"Profile likelihood of {name}", f"{name} [{line.unit}]",
                     "rise of -log likelihood", {
                         "profile": (found.values, found.rise),
-                        "95 % level": (found.values[[0, -1]], np.full(2, LEVEL95))})
+                        "95 % level": (found.values[[0, -1]], np.full(2, HALF_CHI2_95))})
     parameters = tuple(new if p.name == name else p for p in estimate.parameters)
     return replace(estimate, parameters=parameters, findings=tuple(findings),
                    exhibits=(*estimate.exhibits, curve))
 
 
 def without_ambiguous(estimate: Estimate, outcome: Outcome, gaps: Sequence[str]) -> Estimate:
-    """No interval where a start ended at quite another gap that is as likely."""
+    """No interval where a start converged to a different gap that is as likely."""
     rivals = [s["reached"] for s in outcome.starts
-              if s.get("minus_log_likelihood_above_best", np.inf) < LEVEL95 and "reached" in s]
+              if s.get("minus_log_likelihood_above_best", np.inf) < HALF_CHI2_95 and "reached" in s]
     lines, findings = list(estimate.parameters), list(estimate.findings)
     for g in gaps:
         i = next(i for i, p in enumerate(lines) if p.name == g)
@@ -279,24 +291,24 @@ def without_ambiguous(estimate: Estimate, outcome: Outcome, gaps: Sequence[str])
         lines[i] = replace(lines[i], std=None, ci95=None, status="not-identifiable",
                            reason=f"half gaps from {low:.3g} to {high:.3g} explain the record equally well")
         findings.append(Finding(
-            "warning", "half-gap-ambiguous",
+            "warning", "gap-ambiguous",
             f"Half gaps from {low:.3g} to {high:.3g} {lines[i].unit} explain this record equally well.",
             {"low": low, "high": high}, "Record torque steps that cross the gap both ways.", g))
     return replace(estimate, parameters=tuple(lines), findings=tuple(findings))
 
 
-def _counts(outcome: Outcome, drive: Drive, gaps: Sequence[str]) -> dict[str, dict[str, float]]:
+def _contact_counts(outcome: Outcome, drive: Drive, gaps: Sequence[str]) -> dict[str, dict[str, float]]:
     """How often each gap opened and how often it was crossed, at the estimate."""
     task = outcome.task.at_point(outcome.solution.point)
     found = {}
     for g in gaps:
-        c = contact(task, drive.shafts.index(g.split(".")[0]))
+        c = contact_of(task, drive.shafts.index(g.split(".")[0]))
         found[g] = {"opened": c.opened, "crossed": c.crossed, "open_percent": 100.0 * c.open_share}
     return found
 
 
-def _one_sided_contact(estimate: Estimate, outcome: Outcome, gaps: Sequence[str]) -> Estimate:
-    """A gap that opened but never reached its other side is known only from below."""
+def _with_one_sided_findings(estimate: Estimate, outcome: Outcome, gaps: Sequence[str]) -> Estimate:
+    """A finding where a gap opened but never reached its other side: it has only a lower bound."""
     findings = list(estimate.findings)
     for g in gaps:
         counts = estimate.details["contact"][g]
@@ -304,31 +316,31 @@ def _one_sided_contact(estimate: Estimate, outcome: Outcome, gaps: Sequence[str]
         if value > 0.0 and counts["opened"] > 0 and counts["crossed"] == 0:
             findings.append(Finding(
                 "warning", "gap-not-crossed",
-                f"The gap opened {counts['opened']} times but its other side was never reached: {g} is known "
-                f"only from below.", counts, "Record torque steps of both signs.", g))
+                f"The gap opened {counts['opened']} times but its other side was never reached: {g} has only a "
+                f"lower bound.", counts, "Record torque steps of both signs.", g))
     return replace(estimate, findings=tuple(findings))
 
 
-def _not_crossed(task: Task, drive: Drive, shut: Sequence[str], closed: dict[str, Contact],
+def _unopened_estimate(task: Task, drive: Drive, unopened: Sequence[str], closed: dict[str, Contact],
                  options: Options) -> Estimate:
-    """The answer for a record whose shaft torque keeps its sign: nothing is fitted."""
-    rest = tuple(n for n in task.free if n not in shut)
-    held = replace(task, free=rest)
-    outcome = fit_task(held, options, [{}]) if rest else frozen(held)
+    """The estimate for a record whose shaft torque keeps its sign: the half gap is not fitted."""
+    others = tuple(n for n in task.free if n not in unopened)
+    held = replace(task, free=others)
+    outcome = fit_task(held, options, [{}]) if others else fit_noise_only(held)
     findings, lines = [], []
-    for g in shut:
+    for g in unopened:
         c = closed[g]
         findings.append(Finding(
             "warning", "gap-not-opened",
             f"The shaft torque stays between {c.least:.3g} and {c.most:.3g} {drive.torque_unit} and never changes "
-            f"sign: this record does not open the gap, and says nothing about {g}.",
+            f"sign: this record does not open the gap, and does not identify {g}.",
             {"least_shaft_torque": c.least, "largest_shaft_torque": c.most},
             "Record alternating torque steps larger than the idle torque.", g))
         value = drive.value(g) or 0.0
         lines.append(Parameter(g, value, drive.unit(g), value, status="not-identifiable",
                                reason="the gap was not opened in this record"))
     estimate = compose("backlash", drive, outcome, findings, known=options.known)
-    kept = [p for p in estimate.parameters if p.name not in shut]
+    kept = [p for p in estimate.parameters if p.name not in unopened]
     order = {n: i for i, n in enumerate(drive.quantities)}
     lines = sorted([*kept, *lines], key=lambda p: order[p.name])
     return replace(estimate, parameters=tuple(lines))

@@ -1,4 +1,4 @@
-"""What a black-box fit tells about the record: seen or not seen, in the band or not, gap opened or not."""
+"""Findings of a black-box fit: whether the shaft is identifiable, the resonance excited, the gap opened."""
 
 from __future__ import annotations
 
@@ -9,47 +9,49 @@ import numpy as np
 from drivetool.drive import Drive
 from drivetool.drive.simulation import Trace
 from drivetool.errors import Finding
-from drivetool.identify.blackbox.transfer import Form
-from drivetool.identify.estimate import Exhibit, Parameter, experiment_for
-from drivetool.identify.fit import free_run, opened_gaps, shut
+from drivetool.identify.blackbox.transfer import TransferForm
+from drivetool.identify.estimate import Parameter, PlotData, experiment_for
+from drivetool.identify.fit import free_run, opened_gap_findings, with_closed_gaps
 from drivetool.identify.setup import Outcome, Task, reverses
 
-# Log likelihood that the shaft must bring over one rigid body. Chance brings 6 on average and at most
-# 16 in 360 records of mere noise; the resonance of a 2 s record in heavy noise brings 28 and more.
-VISIBLE = 20.0
-LEFT_OVER, LEFT_OVER_SHARE = 4.0, 0.1  # standard deviations, and of what it should be
-BINS_PER_DECADE = 12
-RECORD = ("Record torque steps upward from a constant speed, sudden ones, as large as the drive allows, "
+# Log likelihood that the shaft must gain over one rigid body. Chance gains 6 on average and at most
+# 16 in 360 records of mere noise; the resonance of a 2 s record in heavy noise gains 28 and more.
+MIN_BLACKBOX_SHAFT_GAIN = 20.0
+# Standard deviations, and share of the value by the parameters, of the conversion error. A choice: both, since in a
+# long record a significant error may be small, and in a short one a large error may be noise.
+CONVERSION_ERROR_STDS, CONVERSION_ERROR_SHARE = 4.0, 0.1
+BINS_PER_DECADE = 12  # a choice: a bin of 21 % width is narrower than the band of 1.3 about the resonance
+RECORDING_ADVICE = ("Record torque steps upward from a constant speed, sudden ones, as large as the drive allows, "
           "with several periods of the oscillation between them.")
 
 
-def lacking(gain: float) -> str:
-    """Why the shaft cannot be told, in words; empty if it can."""
-    if gain >= VISIBLE:
+def why_no_shaft(gain: float) -> str:
+    """Why the shaft is not identifiable, in words; empty if it is."""
+    if gain >= MIN_BLACKBOX_SHAFT_GAIN:
         return ""
-    return "the oscillation of the shaft does not show: one rigid body explains the record as well"
+    return "the oscillation of the shaft is not significant: one rigid body explains the record as well"
 
 
-def findings_of(task: Task, lines: Sequence[Parameter], lack: tuple[str, ...], details: Mapping,
+def blackbox_findings(task: Task, lines: Sequence[Parameter], lack: tuple[str, ...], details: Mapping,
                 traces: Sequence[Trace], runs: Sequence[np.ndarray]) -> list[Finding]:
-    """Everything the step itself found.
+    """All findings of the step itself.
 
     task      with the fitted drive
     lack      (reason, code) if there is no conversion
-    details   of the fit; traces and runs: what was measured and what the model simulates
+    details   of the fit; traces and runs: measured and simulated
     """
     found = []
     if lack:
         found.append(_no_conversion(task, lack, details))
     else:
-        found += [f for line in lines for f in _of_line(line, task.drive)]
-        found += _left_over(details)
+        found += [f for line in lines for f in _parameter_findings(line, task.drive)]
+        found += _conversion_findings(details)
     if "resonance" in details:
         if not lack:
-            found += _band(details["resonance"]["hz"]["value"], traces, runs)
-        found += _sampling(details["resonance"]["hz"]["value"], traces)
+            found += _band_findings(details["resonance"]["hz"]["value"], traces, runs)
+        found += _sampling_rate_findings(details["resonance"]["hz"]["value"], traces)
     if not lack and task.drive.shafts:
-        found += opened_gaps(task, "the black box has none")
+        found += opened_gap_findings(task, "the black box has none")
     if reverses(task.experiments):
         found.append(Finding(
             "warning", "direction-changes", "The motor turns both ways in this record: Coulomb friction "
@@ -59,72 +61,73 @@ def findings_of(task: Task, lines: Sequence[Parameter], lack: tuple[str, ...], d
 
 
 def _no_conversion(task: Task, lack: tuple[str, ...], details: Mapping) -> Finding:
-    """That no parameters came out, and what to record instead."""
+    """The finding that the conversion gives no parameters, and what to record instead."""
     reason, code = lack
     what = "inertias and stiffness" if task.drive.shafts else "an inertia"
     evidence = {n: f["value"] for n, f in details["coefficients"].items()}
     if "total_inertia_at_motor" in details:
         evidence["total_inertia_at_motor"] = details["total_inertia_at_motor"]["value"]
-    do = RECORD if code == "shaft-not-excited" else (
-        f"Check the signs and units of torque and speed in the channel map. {RECORD}")
+    do = RECORDING_ADVICE if code == "shaft-not-identifiable" else (
+        f"Check the signs and units of torque and speed in the channel map. {RECORDING_ADVICE}")
     return Finding("failure", code, f"This record gives no {what}: {reason}.".replace("no an ", "no "),
                    evidence, do)
 
 
-def _of_line(line: Parameter, drive: Drive) -> list[Finding]:
-    """What there is to say about one parameter."""
+def _parameter_findings(line: Parameter, drive: Drive) -> list[Finding]:
+    """The findings on one parameter."""
     if line.status == "not-identifiable":
-        # Friction is what the steady step is for.
+        # The steady step identifies friction.
         return [Finding("note" if line.name.endswith(".viscous") else "warning", "not-identifiable",
-                        f"{line.name} cannot be told from this record: {line.reason}.",
+                        f"{line.name} is not identifiable from this record: {line.reason}.",
                         {"value": line.value} if np.isfinite(line.value) else {},
                         experiment_for(line.name, drive), line.name)]
     if line.status == "at-bound":
-        surely = line.ci95 is not None and line.ci95[1] <= 0.0
-        return [Finding("warning" if surely else "note", "damping-not-told",
+        certainly_negative = line.ci95 is not None and line.ci95[1] <= 0.0
+        return [Finding("warning" if certainly_negative else "note", "negative-estimate",
                         f"{line.name} {line.reason}; it was set to zero.", {},
-                        "Longer between the steps the oscillation shows how it dies out.", line.name)]
+                        "With more time between the steps the record contains the decay of the oscillation.",
+                        line.name)]
     return []
 
 
-def _left_over(details: Mapping) -> list[Finding]:
-    """b1 took no part in the conversion, so it can contradict it."""
-    left = details.get("left_over", {})
-    if left.get("in_std") is None or abs(left["in_std"]) <= LEFT_OVER:
+def _conversion_findings(details: Mapping) -> list[Finding]:
+    """A finding where b1, which the conversion does not use, contradicts it."""
+    error = details.get("left_over", {})
+    if error.get("in_std") is None or abs(error["in_std"]) <= CONVERSION_ERROR_STDS:
         return []
-    if abs(left["b1"] - left["b1_from_parameters"]) <= LEFT_OVER_SHARE * abs(left["b1_from_parameters"]):
+    if abs(error["b1"] - error["b1_from_parameters"]) <= CONVERSION_ERROR_SHARE * abs(error["b1_from_parameters"]):
         return []
     return [Finding(
-        "warning", "conversion-left-over",
-        f"The coefficient that the conversion leaves out, b1, is {left['b1']:.4g}; two masses with a shaft "
-        f"have {left['b1_from_parameters']:.4g}, {abs(left['in_std']):.1f} standard deviations away.", left,
+        "warning", "residual-conversion-error",
+        f"The coefficient that the conversion does not use, b1, is {error['b1']:.4g}; two masses with a shaft "
+        f"have {error['b1_from_parameters']:.4g}, {abs(error['in_std']):.1f} standard deviations away.", error,
         "A lag or dead time between logged torque and motor does this, or a filter on the speed, or other "
         "friction: state what is known of them, then see greybox and diagnose.")]
 
 
-def _sampling(resonance: float, traces: Sequence[Trace]) -> list[Finding]:
+def _sampling_rate_findings(resonance: float, traces: Sequence[Trace]) -> list[Finding]:
     rate = 1.0 / max(t.step for t in traces)
     if resonance <= rate / 3.0:
         return []
     return [Finding(
-        "warning", "resonance-near-sampling-rate",
+        "warning", "resonance-out-of-range",
         f"The resonance, {resonance:.4g} Hz, lies above a third of the sampling rate, {rate:.4g} Hz.",
         {"resonance": resonance, "sampling_rate": rate}, "Record with a higher sampling rate.")]
 
 
-def _band(resonance: float, traces: Sequence[Trace], runs: Sequence[np.ndarray]) -> list[Finding]:
-    """Whether the torque makes more motion near the resonance than there is noise."""
+def _band_findings(resonance: float, traces: Sequence[Trace], runs: Sequence[np.ndarray]) -> list[Finding]:
+    """A finding where the motion by the torque near the resonance is below the noise."""
     frequency, ratio = excitation(traces, runs)
     near = np.abs(np.log(frequency / resonance)) < np.log(1.3)
     if near.any() and ratio[near].max() > 1.0:
         return []
-    seen = frequency[ratio > 1.0]
-    band = f"{seen.min():.3g} to {seen.max():.3g} Hz" if len(seen) else "no band at all"
+    excited = frequency[ratio > 1.0]
+    band = f"{excited.min():.3g} to {excited.max():.3g} Hz" if len(excited) else "no band at all"
     best = float(np.sqrt(ratio[near].max())) if near.any() else 0.0
     return [Finding(
-        "warning", "resonance-outside-band",
+        "warning", "resonance-out-of-range",
         f"The resonance of {resonance:.4g} Hz lies where the torque moves the drive less than the noise "
-        f"does; the record excites {band}.", {"resonance": resonance, "signal_over_noise": best}, RECORD)]
+        f"does; the record excites {band}.", {"resonance": resonance, "signal_over_noise": best}, RECORDING_ADVICE)]
 
 
 def excitation(traces: Sequence[Trace], runs: Sequence[np.ndarray]) -> tuple[np.ndarray, np.ndarray]:
@@ -135,27 +138,27 @@ def excitation(traces: Sequence[Trace], runs: Sequence[np.ndarray]) -> tuple[np.
     signal, noise = np.zeros(len(edges) + 1), np.zeros(len(edges) + 1)
     for t, run in zip(traces, runs, strict=True):
         good = np.isfinite(t.outputs[:, 0])
-        rest = np.where(good, t.outputs[:, 0] - run[:, 0], 0.0)
-        # Differences, because a ramp leaks over all frequencies; the ratio does not mind.
+        residual = np.where(good, t.outputs[:, 0] - run[:, 0], 0.0)
+        # Differences, because a ramp leaks over all frequencies; they leave the ratio unchanged.
         window = np.hanning(t.size - 1)
         place = np.searchsorted(edges, np.fft.rfftfreq(t.size - 1, t.step))
-        for total, x in ((signal, run[:, 0]), (noise, rest)):
+        for total, x in ((signal, run[:, 0]), (noise, residual)):
             total += np.bincount(place, np.abs(np.fft.rfft(window * np.diff(x))) ** 2, len(total))
     inside = slice(1, len(edges))
-    kept = noise[inside] > 0.0
+    filled = noise[inside] > 0.0
     middle = np.sqrt(edges[:-1] * edges[1:])
-    return middle[kept], signal[inside][kept] / noise[inside][kept]
+    return middle[filled], signal[inside][filled] / noise[inside][filled]
 
 
 def converted_run(task: Task) -> np.ndarray | None:
-    """(n,) free run of the drive that the step hands on, gap closed; None if it lacks a value."""
+    """(n,) free run of the resulting drive, gap closed; None if a value is missing."""
     if task.drive.missing():
         return None
-    _, _, runs = free_run(shut(task))
+    _, _, runs = free_run(with_closed_gaps(task))
     return np.concatenate([r[:, 0] for r in runs])
 
 
-def bode(form: Form, outcome: Outcome, drive: Drive) -> Exhibit:
+def bode(form: TransferForm, outcome: Outcome, drive: Drive) -> PlotData:
     """The fitted transfer function over frequency."""
     values, traces = outcome.solution.point.values, outcome.problem.traces
     low = 1.0 / max(t.size * t.step for t in traces)
@@ -165,7 +168,7 @@ def bode(form: Form, outcome: Outcome, drive: Drive) -> Exhibit:
     if form.order > 1:
         near = np.sqrt(v["a1"]) / (2.0 * np.pi) * np.geomspace(0.8, 1.25, 200)
         frequency = np.unique(np.concatenate([frequency, near[near < frequency[-1]]]))
-    return Exhibit(
+    return PlotData(
         "bode", "Motor speed over motor torque", "frequency [Hz]",
         f"[({drive.motion_unit}/s)/{drive.torque_unit}]", {
             "model": (frequency, np.abs(form.response(values, frequency))),

@@ -1,4 +1,4 @@
-"""From a fitted transfer function to the parameters of the drive, with intervals or the reason why not.
+"""From a fitted transfer function to the parameters of the drive, with intervals or the reason for none.
 
 Every figure is a number with its gradient over the coefficients, so its standard deviation follows
 from their covariance with the exact Jacobian.
@@ -12,8 +12,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from drivetool.drive import Drive, Dual
-from drivetool.identify.blackbox.blackbox_findings import bode, converted_run, findings_of, lacking
-from drivetool.identify.blackbox.transfer import VISCOUS, Form, impossible, to_physical
+from drivetool.identify.blackbox.blackbox_findings import blackbox_findings, bode, converted_run, why_no_shaft
+from drivetool.identify.blackbox.transfer import VISCOUS, TransferForm, to_physical, why_impossible
 from drivetool.identify.estimate import (
     Z95,
     Covariance,
@@ -27,25 +27,26 @@ from drivetool.identify.noise import filtered
 from drivetool.identify.outcome import (
     CORRELATED,
     how_it_ended,
-    noise_figures,
+    noise_parameters,
     one_step_percent,
-    record_exhibits,
+    record_plots,
     still_correlated,
 )
 from drivetool.identify.problem import Point, Problem, solve
 from drivetool.identify.setup import Options, Outcome, reverses, traces_of
-from drivetool.logs import sources
+from drivetool.logs import recording_sources
 
-ONE_SIDED = 1.645
-IMPLAUSIBLE = 3.0  # idle torque over the largest torque of the record
-UNTOLD = "friction and idle torque cannot be told apart in this record"
+QUANTILE_95_ONE_SIDED = 1.645  # normal quantile of a one-sided 95 %
+# Idle torque over the largest torque of the record. A choice: the motor could not overcome it.
+MAX_IDLE_TORQUE_RATIO = 3.0
+NOT_SEPARABLE_TEXT = "friction and idle torque cannot be separated in this record"
 
 
 @dataclass(frozen=True)
-class Physical:
-    """What the coefficients stand for: the model, the drive it is of, and what the user asked."""
+class PhysicalModel:
+    """The meaning of the coefficients: the model, its drive, and the options of the user."""
 
-    form: Form
+    form: TransferForm
     drive: Drive
     options: Options
 
@@ -68,14 +69,14 @@ class Physical:
 
 
 @dataclass(frozen=True)
-class Uncertain:
-    """Numbers with gradients, and the covariance (k, k) of what the gradients are over."""
+class Uncertainty:
+    """Covariance (k, k) of the coefficients, for numbers with gradients over them; lost: (k,) not identifiable."""
 
     covariance: np.ndarray
     lost: np.ndarray
 
     def std(self, number: Dual) -> float | None:
-        """Standard deviation; None where the record says nothing about the number."""
+        """Standard deviation; None where the record has no information on the number."""
         if np.any(self.lost & (number.d != 0.0)):
             return None
         variance = number.d @ self.covariance @ number.d
@@ -86,16 +87,16 @@ class Uncertain:
         return {"value": float(number.v), "std": self.std(number)}
 
 
-def estimate_of(physical: Physical, outcome: Outcome, gain: float) -> Estimate:
+def estimate_of(physical: PhysicalModel, outcome: Outcome, gain: float) -> Estimate:
     """The Estimate of a black-box fit.
 
     gain  log likelihood over that of a model of one body; infinite if there is no shaft
     """
     form, drive, task = physical.form, physical.drive, outcome.task
     c = form.seeds(outcome.solution.point.values)
-    sure = uncertain(physical, outcome)
-    numbers, lack = converted(physical, outcome, c, sure, gain)
-    lines = parameters(physical, numbers, sure, lack[0] if lack else "")
+    uncertainty = uncertainty_of(physical, outcome)
+    numbers, lack = converted(physical, outcome, c, uncertainty, gain)
+    lines = parameters(physical, numbers, uncertainty, lack[0] if lack else "")
     after = drive.with_values({p.name: p.value for p in lines if np.isfinite(p.value)
                                and p.name in physical.names.values()})
     traces = traces_of(task.experiments, task.roles)
@@ -106,20 +107,22 @@ def estimate_of(physical: Physical, outcome: Outcome, gain: float) -> Estimate:
         "simulation_fit_percent": fit_percent(y, s), "one_step_fit_percent": one_step_percent(outcome, y),
         "rmse": float(np.sqrt(np.nanmean((y - s) ** 2))), "n": int(np.isfinite(y).sum()),
         **({"converted_simulation_fit_percent": fit_percent(y, run)} if run is not None else {})}
-    figured = details(form, c, numbers, sure)
-    noise, more = noise_figures(outcome)
-    own = findings_of(replace(task, drive=after), lines, lack, figured, traces, runs)
+    detail = details(form, c, numbers, uncertainty)
+    noise, more = noise_parameters(outcome)
+    own = blackbox_findings(replace(task, drive=after), lines, lack, detail, traces, runs)
     return Estimate(
-        "blackbox", after, lines, how_it_ended(outcome), figures, _covariance(physical, lines, numbers, sure),
-        noise, {**figured, "log_likelihood_gain_of_the_shaft": gain if np.isfinite(gain) else None,
+        "blackbox", after, lines, how_it_ended(outcome), figures,
+        _covariance(physical, lines, numbers, uncertainty),
+        noise, {**detail, "log_likelihood_gain_of_the_shaft": gain if np.isfinite(gain) else None,
                 "starts": list(outcome.starts), "outputs": list(task.roles.outputs)},
-        (*own, *more, *([CORRELATED] if still_correlated(outcome) else [])), sources(task.experiments), {},
-        (*record_exhibits(outcome, traces, runs), bode(form, outcome, drive)))
+        (*own, *more, *([CORRELATED] if still_correlated(outcome) else [])), recording_sources(task.experiments),
+        {},
+        (*record_plots(outcome, traces, runs), bode(form, outcome, drive)))
 
 
-def uncertain(physical: Physical, outcome: Outcome) -> Uncertain:
-    """Covariance of the coefficients, with what the friction that is held adds to it."""
-    # Friction at its bound of zero may well be larger: the others' intervals must not rely on it.
+def uncertainty_of(physical: PhysicalModel, outcome: Outcome) -> Uncertainty:
+    """Covariance of the coefficients, including the uncertainty of the friction that is held."""
+    # Friction at its bound of zero may well be larger: the other intervals must not rely on it.
     open_ended = replace(outcome.problem, low=np.full_like(outcome.problem.low, -np.inf))
     covariance, inflation, free = covariance_of(open_ended, outcome.solution)
     covariance = np.where(np.isfinite(covariance), covariance, 0.0)
@@ -129,70 +132,70 @@ def uncertain(physical: Physical, outcome: Outcome) -> Uncertain:
     if held and outcome.fit is not None and VISCOUS not in form.names:
         i, problem, point = known.names.index(name), outcome.problem, outcome.solution.point
         gains = [f.gains for f in filtered(problem, point, outcome.fit.noise)]
-        wide = replace(form, names=(*form.names, VISCOUS))
-        problem = replace(problem, build=wide.build, names=wide.names)
+        extended = replace(form, names=(*form.names, VISCOUS))
+        problem = replace(problem, build=extended.build, names=extended.names)
         point = replace(point, values=np.append(point.values, form.viscous))
         if outcome.fit.noise.memory is None:
             covariance = covariance + held_uncertainty(
                 problem, problem.normal(point, gains), Covariance((VISCOUS,), known.matrix[i:i + 1, i:i + 1]))
-    return Uncertain(covariance, ~np.isfinite(inflation) & free)
+    return Uncertainty(covariance, ~np.isfinite(inflation) & free)
 
 
-def converted(physical: Physical, outcome: Outcome, c: Mapping[str, Dual], sure: Uncertain,
+def converted(physical: PhysicalModel, outcome: Outcome, c: Mapping[str, Dual], uncertainty: Uncertainty,
               gain: float) -> tuple[dict[str, Dual], tuple[str, ...]]:
-    """(physical numbers, ()), or (what can still be told, (reason, code)) if there is no conversion."""
+    """(physical numbers, ()), or (numbers still identifiable, (reason, code)) if there is no conversion."""
     form = physical.form
     values = {n: d.v for n, d in c.items()}
-    kept = _resistance(physical, outcome, c, sure)
-    lack = lacking(gain)
+    friction = _friction_numbers(physical, outcome, c, uncertainty)
+    lack = why_no_shaft(gain)
     if lack:
-        return kept, (lack, "shaft-not-excited")
-    reason = impossible(values)
+        return friction, (lack, "shaft-not-identifiable")
+    reason = why_impossible(values)
     if reason:
-        return {}, (reason, "impossible-conversion")
-    numbers = to_physical(form, c) | kept
+        return {}, (reason, "no-conversion")
+    numbers = to_physical(form, c) | friction
     for key, name in physical.names.items():
         low, high = physical.drive.quantity(name).bounds
         value = numbers[key].v if key in numbers else low
         if value > high or (value < low and key not in ("damping", VISCOUS)):
             return {}, (f"{name} comes out as {value:.4g}, which is not physical",
-                        "impossible-conversion")
+                        "no-conversion")
     return numbers, ()
 
 
-def _resistance(physical: Physical, outcome: Outcome, c: Mapping[str, Dual],
-                sure: Uncertain) -> dict[str, Dual]:
-    """Idle torque and friction; nothing if the record does not tell them at all."""
+def _friction_numbers(physical: PhysicalModel, outcome: Outcome, c: Mapping[str, Dual],
+                uncertainty: Uncertainty) -> dict[str, Dual]:
+    """Idle torque and friction; empty if the record does not identify them at all."""
     largest = max(float(np.abs(t.inputs[:, 0]).max()) for t in outcome.problem.traces)
-    std = sure.std(c["offset"])
-    if std is None or std > largest or abs(c["offset"].v) > IMPLAUSIBLE * largest:
+    std = uncertainty.std(c["offset"])
+    if std is None or std > largest or abs(c["offset"].v) > MAX_IDLE_TORQUE_RATIO * largest:
         return {}
-    return {"offset": c["offset"] - _coulomb(physical.drive, outcome), VISCOUS: c[VISCOUS]}
+    return {"offset": c["offset"] - _known_coulomb(physical.drive, outcome), VISCOUS: c[VISCOUS]}
 
 
-def _coulomb(drive: Drive, outcome: Outcome) -> float:
-    """Known Coulomb friction felt at the motor, which the offset of a one-way record contains."""
-    felt = drive.felt("coulomb")
-    if not felt or reverses(outcome.task.experiments):
+def _known_coulomb(drive: Drive, outcome: Outcome) -> float:
+    """Known Coulomb friction referred to the motor, which the offset of a record in one direction contains."""
+    referred = drive.referred_to_motor("coulomb")
+    if not referred or reverses(outcome.task.experiments):
         return 0.0
     t = max(outcome.problem.traces, key=lambda t: t.size)
     y = t.outputs[np.isfinite(t.outputs[:, 0]), 0]
-    way = y[-1] - y[0] if outcome.task.roles.outputs[0].endswith("angle") else y.mean()
-    return float(felt * np.sign(way))
+    motion = y[-1] - y[0] if outcome.task.roles.outputs[0].endswith("angle") else y.mean()
+    return float(referred * np.sign(motion))
 
 
-def parameters(physical: Physical, numbers: Mapping[str, Dual], sure: Uncertain,
+def parameters(physical: PhysicalModel, numbers: Mapping[str, Dual], uncertainty: Uncertainty,
                lack: str) -> tuple[Parameter, ...]:
     """One line per value of the drive."""
     drive, lines = physical.drive, {}
     for key, name in physical.names.items():
         start = drive.values.get(name)
         if key in numbers:
-            line = _line(physical, key, name, numbers[key], sure.std(numbers[key]))
+            line = _converted_parameter(physical, key, name, numbers[key], uncertainty.std(numbers[key]))
         else:
             value = float("nan") if start is None else start
             line = Parameter(name, value, drive.unit(name), start, status="not-identifiable",
-                             reason=lack or UNTOLD)
+                             reason=lack or NOT_SEPARABLE_TEXT)
         if name in physical.options.hold:
             found = f"; the black box gives {line.value:.4g}" if line.status == "fitted" else ""
             line = Parameter(name, drive.value(name), drive.unit(name), start, status="held",
@@ -204,60 +207,63 @@ def parameters(physical: Physical, numbers: Mapping[str, Dual], sure: Uncertain,
     return tuple(lines[n] for n in drive.quantities if n in lines)
 
 
-def _line(physical: Physical, key: str, name: str, number: Dual, std: float | None) -> Parameter:
+def _converted_parameter(
+        physical: PhysicalModel, key: str, name: str, number: Dual, std: float | None) -> Parameter:
     """One converted value."""
     drive, value = physical.drive, float(number.v)
     common = (drive.unit(name), drive.values.get(name))
     low, high = drive.quantity(name).bounds
     if key in ("damping", VISCOUS) and value <= 0.0:
-        upper = (0.0, max(0.0, value + ONE_SIDED * std)) if std is not None else None
+        upper = (0.0, max(0.0, value + QUANTILE_95_ONE_SIDED * std)) if std is not None else None
         return Parameter(name, 0.0, *common, None, upper, "at-bound",
-                         f"came out as {value:.4g}, and no damping is below zero")
+                         f"came out as {value:.4g}, but damping cannot be negative")
     if std is None:
         return Parameter(name, value, *common, status="not-identifiable",
-                         reason="the record says nothing about it")
+                         reason="the record has no information on it")
     if key != "offset" and std > value:
         return Parameter(name, value, *common, status="not-identifiable",
                          reason=f"its standard deviation ({std:.2g}) is larger than itself")
     return Parameter(name, value, *common, std, (max(value - Z95 * std, low), min(value + Z95 * std, high)))
 
 
-def _covariance(physical: Physical, lines: tuple[Parameter, ...], numbers: Mapping[str, Dual],
-                sure: Uncertain) -> Covariance | None:
+def _covariance(physical: PhysicalModel, lines: tuple[Parameter, ...], numbers: Mapping[str, Dual],
+                uncertainty: Uncertainty) -> Covariance | None:
     """Of the parameters that have an interval."""
     fitted = {p.name for p in lines if p.std is not None}
     keys = [k for k, name in physical.names.items() if name in fitted]
     if not keys:
         return None
     jacobian = np.array([numbers[k].d for k in keys])
-    return Covariance(tuple(physical.names[k] for k in keys), jacobian @ sure.covariance @ jacobian.T)
+    return Covariance(tuple(physical.names[k] for k in keys), jacobian @ uncertainty.covariance @ jacobian.T)
 
 
-def details(form: Form, c: Mapping[str, Dual], numbers: Mapping[str, Dual],
-            sure: Uncertain) -> dict[str, object]:
-    """Coefficients, poles, zeros and what the conversion left over."""
+def details(form: TransferForm, c: Mapping[str, Dual], numbers: Mapping[str, Dual],
+            uncertainty: Uncertainty) -> dict[str, object]:
+    """Coefficients, poles, zeros and the conversion error."""
     found: dict[str, object] = {
         "model": "b / (s + p)" if form.order == 1 else "(b2 s^2 + b1 s + b0) / ((s + p) (s^2 + a2 s + a1))",
-        "coefficients": {n: sure.figure(c[n]) for n in form.names} | {"p": sure.figure(form.pole(c))}}
+        "coefficients": {n: uncertainty.figure(c[n]) for n in form.names} | {"p": uncertainty.figure(form.pole(c))}}
     if form.order == 1:
         return found
     if c["a1"].v > 0.0:
         resonance, damping = _oscillation(c["a2"], c["a1"])
-        found["resonance"] = {"rad_s": sure.figure(resonance), "hz": sure.figure(resonance / (2.0 * np.pi)),
-                              "damping_ratio": sure.figure(damping)}
+        found["resonance"] = {"rad_s": uncertainty.figure(resonance),
+                              "hz": uncertainty.figure(resonance / (2.0 * np.pi)),
+                              "damping_ratio": uncertainty.figure(damping)}
         roots = sorted(np.roots([1.0, c["a2"].v, c["a1"].v]), key=lambda r: (r.real, r.imag))
         found["poles_rad_s"] = [[0.0 - form.pole(c).v, 0.0], *([float(r.real), float(r.imag)] for r in roots)]
     if c["b2"].v * c["b0"].v > 0.0:
         notch, damping = _oscillation(c["b1"] / c["b2"], c["b0"] / c["b2"])
-        found["anti_resonance"] = {"rad_s": sure.figure(notch), "hz": sure.figure(notch / (2.0 * np.pi)),
-                                   "damping_ratio": sure.figure(damping)}
+        found["anti_resonance"] = {"rad_s": uncertainty.figure(notch),
+                                   "hz": uncertainty.figure(notch / (2.0 * np.pi)),
+                                   "damping_ratio": uncertainty.figure(damping)}
     if c["b0"].v * c["a1"].v > 0.0:
-        found["total_inertia_at_motor"] = sure.figure(c["a1"] / c["b0"])
+        found["total_inertia_at_motor"] = uncertainty.figure(c["a1"] / c["b0"])
     if "left_over" in numbers:
-        left = numbers["left_over"]
-        std = sure.std(left)
-        found["left_over"] = {"b1": c["b1"].v, "b1_from_parameters": c["b1"].v - left.v, "std": std,
-                              "in_std": left.v / std if std else None}
+        error = numbers["left_over"]
+        std = uncertainty.std(error)
+        found["left_over"] = {"b1": c["b1"].v, "b1_from_parameters": c["b1"].v - error.v, "std": std,
+                              "in_std": error.v / std if std else None}
     return found
 
 
@@ -268,17 +274,18 @@ def _oscillation(linear: Dual, constant: Dual) -> tuple[Dual, Dual]:
     return frequency, linear / (2.0 * frequency)
 
 
-def simulated(form: Form, outcome: Outcome) -> list[np.ndarray]:
-    """Free runs of the fitted transfer function, only the start states fitted to them."""
+def simulated(form: TransferForm, outcome: Outcome) -> list[np.ndarray]:
+    """Free runs of the fitted transfer function with fitted start states."""
     task, values = outcome.task, outcome.solution.point.values
-    problem = replace(fixed(outcome.problem, values), traces=traces_of(task.experiments, task.roles))
+    problem = replace(
+        with_fixed_parameters(outcome.problem, values), traces=traces_of(task.experiments, task.roles))
     starts = tuple(form.rest(t) for t in problem.traces)
-    found = solve(problem, Point(np.empty(0), starts), most=20).point.starts
+    found = solve(problem, Point(np.empty(0), starts), max_iterations=20).point.starts
     plants = problem.plants(values, False)
     return [p.outputs(t, s) for p, t, s in zip(plants, problem.traces, found, strict=True)]
 
 
-def fixed(problem: Problem, values: np.ndarray) -> Problem:
+def with_fixed_parameters(problem: Problem, values: np.ndarray) -> Problem:
     """The problem with its parameters fixed, so that only the start states are left."""
     none = np.empty(0)
     return replace(

@@ -14,7 +14,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from drivetool.drive import PAD, Drive, Dual
+from drivetool.drive import COLUMN_MULTIPLE, Drive, Dual
 from drivetool.drive.arrays import System
 from drivetool.drive.simulation import Plant, Trace
 
@@ -24,14 +24,14 @@ VISCOUS = "viscous"  # name of the friction among the unknowns, where it is one
 
 
 @dataclass(frozen=True)
-class Form:
-    """Which unknowns the model has, and what is known beside them.
+class TransferForm:
+    """The unknowns of the model, and its known values.
 
     names      of the unknowns: TWO_MASS or ONE_BODY, then VISCOUS if it is fitted
     signs      of the inputs after the motor torque, all of which act on the last body
     angle      whether the output is the angle, one more integrator
     ratio      of the shaft
-    viscous    known friction, felt at the motor [Nm s/rad], where it is not among the names
+    viscous    known friction, referred to the motor [Nm s/rad], where it is not among the names
     bandwidth, damping, lag_order, dead_time  of the converter
     """
 
@@ -47,7 +47,7 @@ class Form:
 
     @property
     def lag(self) -> int:
-        """How many states the converter has."""
+        """Number of states of the converter."""
         return self.lag_order if np.isfinite(self.bandwidth) else 0
 
     @property
@@ -57,7 +57,7 @@ class Form:
 
     @property
     def states(self) -> int:
-        """Whose start values are free: those of the transfer function, and the angle."""
+        """Number of states with free start values: those of the transfer function, and the angle."""
         return self.order + self.angle
 
     def seeds(self, values: Sequence[float], size: int | None = None) -> dict[str, Dual]:
@@ -71,10 +71,10 @@ class Form:
         return found
 
     def pole(self, c: Mapping[str, Dual]) -> Dual:
-        """p, at which the motion dies out without torque: friction over inertia [1/s]."""
+        """p, the rate of decay without torque: friction over inertia [1/s]."""
         if self.order == 1:
             return c[VISCOUS] * c["b"]
-        return c[VISCOUS] * c["b0"] / c["a1"]  # a1/b0 is the inertia felt at the motor
+        return c[VISCOUS] * c["b0"] / c["a1"]  # a1/b0 is the inertia referred to the motor
 
     def numerators(self, c: Mapping[str, Dual]) -> tuple[list[Dual], list[Dual]]:
         """Coefficients from s^(order-1) down: of the motor torque, of a torque on the last body."""
@@ -95,7 +95,7 @@ class Form:
         return top / np.polyval([1.0] + [d.v for d in self.denominator(c)], s)
 
     def rest(self, trace: Trace) -> np.ndarray:
-        """Start state before anything is known: zero, a converter at the first torque."""
+        """Default start state: zero, a converter at the first torque."""
         return np.concatenate([np.zeros(self.states), [trace.inputs[0, 0], 0.0][:self.lag]])
 
     def build(self, values: np.ndarray, trace: Trace, gradient: bool, memory: float | None) -> Plant:
@@ -103,7 +103,7 @@ class Form:
         lag, m = self.lag, self.order
         nx = self.states + lag + (memory is not None)
         nu = 1 + len(self.signs)
-        nq = -(-len(self.names) // PAD) * PAD if gradient else 0
+        nq = -(-len(self.names) // COLUMN_MULTIPLE) * COLUMN_MULTIPLE if gradient else 0
         c = self.seeds(values, nq)
         rows = np.zeros((nx, nx + nu + 1, 1 + nq))
         motor, far = self.numerators(c)
@@ -139,7 +139,7 @@ class Form:
         if memory is not None:
             keep[-1] = memory
         none = np.zeros(0, np.int64)
-        ns = -(-(jet - 1 + nx + 1) // PAD) * PAD if gradient else nx
+        ns = -(-(jet - 1 + nx + 1) // COLUMN_MULTIPLE) * COLUMN_MULTIPLE if gradient else nx
         return Plant(System(
             rows, mass, np.zeros((0, nx, jet)), np.zeros((0, jet)), none.reshape(0, 2),
             np.zeros((0, 2, jet)), none, np.zeros((0, jet)), outputs,
@@ -149,11 +149,11 @@ class Form:
             nx, nz - nx - 1, jet - 1, 0, 0, 1, ns, nx), whole)
 
 
-def form_of(drive: Drive, inputs: Sequence[str], angle: bool) -> Form:
+def form_of(drive: Drive, inputs: Sequence[str], angle: bool) -> TransferForm:
     """The model of a drive of one or two bodies, with the friction the drive knows."""
     ratio = drive.value(f"{drive.shafts[0]}.ratio") if drive.shafts else 1.0
-    viscous = drive.values.get("total.viscous", drive.felt("viscous"))
-    return Form(
+    viscous = drive.values.get("total.viscous", drive.referred_to_motor("viscous"))
+    return TransferForm(
         names=TWO_MASS if drive.shafts else ONE_BODY,
         signs=tuple(-1.0 if role == "load_torque" else 1.0 for role in inputs[1:]),
         angle=angle, ratio=ratio, viscous=viscous,
@@ -161,12 +161,12 @@ def form_of(drive: Drive, inputs: Sequence[str], angle: bool) -> Form:
         lag_order=int(drive.value("converter.order")), dead_time=drive.value("converter.dead_time"))
 
 
-def to_physical(form: Form, c: Mapping[str, Dual]) -> dict[str, Dual]:
+def to_physical(form: TransferForm, c: Mapping[str, Dual]) -> dict[str, Dual]:
     """Inertias, stiffness and damping of the closed-form conversion, with gradients.
 
     form, c  the model and its coefficients; c must be those of a drive: see `impossible`
     returns  motor, load [kg m^2], stiffness [Nm/rad], damping [Nm s/rad], and left_over: b1 less
-             what it should be [rad/(Nm s^2)]
+             its value by the parameters [rad/(Nm s^2)]
     source   Tallfors 2005, (5.11)-(5.16), with p = 0; b1 takes no part
     """
     if form.order == 1:
@@ -183,13 +183,13 @@ def to_physical(form: Form, c: Mapping[str, Dual]) -> dict[str, Dual]:
     }
 
 
-def impossible(values: Mapping[str, float]) -> str:
+def why_impossible(values: Mapping[str, float]) -> str:
     """Why coefficients are not those of a drive, in words; empty if they can be."""
     if "b" in values:
         return "" if values["b"] > 0.0 else (
-            "the speed does not rise with a lasting torque (b <= 0): the inertia comes out negative")
+            "the speed does not rise with a constant torque (b <= 0): the inertia comes out negative")
     if values["b0"] <= 0.0 or values["a1"] <= 0.0:
-        return "the speed does not rise with a lasting torque (b0 <= 0): the total inertia comes out negative"
+        return "the speed does not rise with a constant torque (b0 <= 0): the total inertia comes out negative"
     if values["b2"] <= 0.0:
         return "the speed does not rise at once with torque (b2 <= 0): the motor inertia comes out negative"
     if values["a1"] * values["b2"] <= values["b0"]:

@@ -1,5 +1,5 @@
-"""What a fit says of the channels it used: suspect signs and units, single wrong samples, a torque logged late,
-roles that are unused, feedback.
+"""Tests of the channels that a fit uses: suspect signs and units, outliers, a torque logged late, unused roles,
+feedback.
 
 A task or outcome comes in. Findings, or samples to leave out, go out.
 """

@@ -1,7 +1,7 @@
-"""Does the torque answer the sensor? Feedback makes the noise model matter.
+"""Does the torque depend on the sensor? With feedback the noise model matters.
 
-In closed loop the noise of the drive comes back through the controller and is in the torque too. H1 and
-an output-error fit then mistake it for a response; the more of the torque is such noise, the more.
+In closed loop the noise of the drive returns through the controller into the torque. H1 and an output-error fit
+then take it for a response of the drive; the bias grows with the share of such noise in the torque.
 """
 
 from __future__ import annotations
@@ -14,41 +14,42 @@ from scipy.stats import f as fisher
 
 from drivetool.logs import Experiment
 
-LAGS = 20
-MOST = 20_000  # samples that decide it
+GRANGER_LAGS = 20  # of torque and sensor. A choice: a controller responds within them; more cost degrees of freedom
+# Samples of a stretch. A choice: they detect a share of 0.01 with certainty, more only cost time.
+MAX_FEEDBACK_SAMPLES = 20_000
 
 
 @dataclass(frozen=True)
 class Feedback:
-    """Whether past sensor values help to foretell the torque.
+    """Whether past sensor values help to predict the torque.
 
     p      of the hypothesis that they do not
-    share  of what is left unforetold by the past torque that they foretell, 0..1
-    new    of the torque's power that its own past does not foretell, 0..1: without it nothing can be told
+    share  of the variance unpredicted by the past torque that they predict, 0..1
+    new    share of the torque's power that its own past does not predict, 0..1: at zero the test has no power
     """
 
     p: float
     share: float
-    new: float = 0.0
+    innovation_share: float = 0.0
 
     @property
-    def there(self) -> bool:
+    def significant(self) -> bool:
         """Feedback that matters: certain, and more than a hundredth."""
         return self.p < 1e-6 and self.share > 0.01
 
 
-def feedback_of(stretches: Sequence[np.ndarray], lags: int = LAGS) -> Feedback:
+def feedback_of(stretches: Sequence[np.ndarray], lags: int = GRANGER_LAGS) -> Feedback:
     """Granger's test from sensor to torque.
 
     stretches  (n_i, 2) torque and sensor, NaN-free
     lags       of both
-    returns    Feedback; p = 1 where the stretches are too short to tell, or the past torque foretells
+    returns    Feedback; p = 1 where the stretches are too short for the test, or the past torque predicts
                all of it (a signal generator's multisine)
     source     Granger 1969; Caines and Chan 1975
     """
     now, own, both = [], [], []
     for x in stretches:
-        x = x[:MOST]
+        x = x[:MAX_FEEDBACK_SAMPLES]
         n = len(x) - lags
         if n < 5 * lags:
             continue
@@ -59,32 +60,32 @@ def feedback_of(stretches: Sequence[np.ndarray], lags: int = LAGS) -> Feedback:
     if not now:
         return Feedback(1.0, 0.0)
     u, a, b = np.concatenate(now), np.concatenate(own), np.concatenate(both)
-    less, more = _left(a, u), _left(b, u)
-    # A quantiser's step is not feedback: what is left must be a real share of the torque.
+    without_sensor, with_sensor = _residual_sum(a, u), _residual_sum(b, u)
+    # Rounding is not feedback: the residual must be a real share of the torque.
     degrees = len(u) - b.shape[1] - 1
-    if degrees < 10 or less <= 1e-10 * float(u @ u):
+    if degrees < 10 or without_sensor <= 1e-10 * float(u @ u):
         return Feedback(1.0, 0.0)
-    share = max(0.0, 1.0 - more / less)
-    statistic = (less - more) / lags / max(more / degrees, 1e-300)
-    return Feedback(float(fisher.sf(max(statistic, 0.0), lags, degrees)), share, less / float(u @ u))
+    share = max(0.0, 1.0 - with_sensor / without_sensor)
+    statistic = (without_sensor - with_sensor) / lags / max(with_sensor / degrees, 1e-300)
+    return Feedback(float(fisher.sf(max(statistic, 0.0), lags, degrees)), share, without_sensor / float(u @ u))
 
 
-def _left(past: np.ndarray, now: np.ndarray) -> float:
-    """Sum of squares that a regression leaves."""
+def _residual_sum(past: np.ndarray, now: np.ndarray) -> float:
+    """Residual sum of squares of a regression."""
     size = np.sqrt(np.mean(past**2, axis=0))
     size[size == 0.0] = 1.0
     scaled = np.column_stack([past / size, np.ones(len(past))])
-    rest = now - scaled @ np.linalg.lstsq(scaled, now, rcond=1e-11)[0]
-    return float(rest @ rest)
+    residual = now - scaled @ np.linalg.lstsq(scaled, now, rcond=1e-11)[0]
+    return float(residual @ residual)
 
 
-def feedback_in(experiments: Sequence[Experiment], sensor: str, answer: str = "motor_torque") -> Feedback:
-    """The same of recordings, over the stretches that lack no value.
+def feedback_in(experiments: Sequence[Experiment], sensor: str, response: str = "motor_torque") -> Feedback:
+    """The same for recordings, over the stretches without missing values.
 
-    sensor, answer  roles: of the sensor, and of what may answer it
+    sensor, answer  roles: of the sensor, and of the input that may depend on it
     """
     stretches = []
     for e in experiments:
-        both = np.column_stack([e.signals[answer], e.signals[sensor]])
+        both = np.column_stack([e.signals[response], e.signals[sensor]])
         stretches += [both[a:b] for a, b in e.segments if np.isfinite(both[a:b]).all()]
     return feedback_of(stretches)

@@ -1,14 +1,14 @@
-"""Is the torque logged in the cycle in which it acts? Asked of a fitted model, whatever else it lacks.
+"""Is the torque logged in the cycle in which it acts? A test by a fitted model.
 
-Drives log the torque of the cycle that has passed, or the command of the next one. Taken as logged, it puts
-inertias off by several per cent, and what it leaves looks like a further mass. The same model is fitted with the
-torque some samples earlier and later; the likelihood of thousands of samples tells one from the others. A model
-that lacks something else says nothing: a shift would take some of that on itself.
+Drives log the torque of the previous cycle, or the command of the next one. Taken as logged, it biases inertias by
+several per cent, and the residual resembles that of a further mass. The same model is fitted with the torque some
+samples earlier and later; the likelihood of thousands of samples distinguishes them. A model that lacks something
+else is not tested: a shift would compensate for part of that.
 
-A torque that is measured, not held, acts between its samples, half way to one that is late. So the mean of two
-neighbours is fitted as well, and whole samples have to be likelier than that. A low-pass in front of the logger
-makes the torque late as well, one behind the command early. A shift explains them in part only, so the torque is
-fitted without the low-pass, or with one, too; where that is likelier, no shift is named.
+A torque that is measured, not held, acts between its samples, half a sample from one that is late. So the mean of
+two neighbours is fitted as well, and whole samples have to be likelier than that. A low-pass in front of the logger
+makes the torque late as well, one behind the command early. A shift explains them only in part, so the torque is
+also fitted without the low-pass, or with one; where that is likelier, no shift is reported.
 """
 
 from __future__ import annotations
@@ -23,29 +23,32 @@ from drivetool.identify.noise import Fit, fit_innovations
 from drivetool.identify.setup import Outcome
 from drivetool.logs import Experiment
 
-ROLE = "motor_torque"
+TORQUE_ROLE = "motor_torque"
 # Log likelihood by which a shift must be better than none, once in 20 000 by chance, and than half a sample less,
-# or a low-pass than it. Models that are right but for the shift gain tens where the torque is noisy, else hundreds.
-SURE, THAN_HALF = 10.0, 5.0
-# Correlation between one-step errors up to 20 samples apart that a model may leave with the shift: one that leaves
-# more lacks something else. Right ones leave 0.04 in thousands of samples, one body fitted to a resonance 0.6 and
+# or a low-pass than a shift. Right models with only a shift gain tens where the torque is noisy, else hundreds.
+MIN_SHIFT_GAIN, MIN_HALF_SAMPLE_GAIN = 10.0, 5.0
+# Autocorrelation of the one-step prediction errors at lags up to 20 that a model may have with the shift: one with
+# more lacks something else. Right ones have 0.04 in thousands of samples, one body fitted to a resonance 0.6 and
 # more.
-LEFT, LAGS = 0.1, 20
-HOPELESS = 3.0 * LEFT  # from here on neither a shift nor a low-pass makes a right model of a wrong one
-EARLIER, LATER = -1, 1  # where the torque goes that is logged late, and early
-MOST_SAMPLES = 20  # of a shift; the sensor's noise hides what a drive does in more
-# Time constants of a low-pass, in samples; the likeliest is then looked for around it in steps of half that ratio.
-TIMES, RATIO, FINER = tuple(0.25 * 2.0**k for k in range(8)), 2.0, 4
-FEW = (0.5, 1.0, 2.0)  # over the samples of a shift: one of these is likelier than it if a low-pass is
+MAX_AUTOCORRELATION, AUTOCORRELATION_LAGS = 0.1, 20
+# Above, neither a shift nor a low-pass makes a right model of a wrong one. A choice.
+MAX_REPAIRABLE = 3.0 * MAX_AUTOCORRELATION
+EARLIER, LATER = -1, 1  # direction of the correction for a torque that is logged late, and early
+MAX_SHIFT_SAMPLES = 20  # of a shift. A choice: a drive that waits longer is another fault; each sample costs a fit
+# Time constants of a low-pass, in samples; the likeliest is then refined in steps of the square root of the ratio,
+# four times: to 4 %.
+TIME_CONSTANTS, TIME_CONSTANT_RATIO, REFINEMENTS = tuple(0.25 * 2.0**k for k in range(8)), 2.0, 4
+# Over the samples of a shift: one of these is likelier than the shift if a low-pass is.
+TIMES_OF_SHIFT = (0.5, 1.0, 2.0)
 Change = Callable[[np.ndarray], np.ndarray]
 
 
 @dataclass(frozen=True)
-class Asked:
+class ShiftedFit:
     """The model fitted to a changed torque: log likelihood over that of the torque as logged.
 
-    left     the largest correlation between one-step errors of the first sensor
-    samples  by which the torque was moved, all in all; time: of them by a low-pass
+    left     the largest autocorrelation of the one-step prediction errors of the first sensor
+    samples  total shift of the torque; time: the part of it by a low-pass
     """
 
     gain: float
@@ -57,89 +60,92 @@ class Asked:
 def torque_timing(outcome: Outcome) -> list[Finding]:
     """A finding if a fitted model is much likelier with the torque earlier or later than it was logged.
 
-    outcome  by innovations; others say nothing
+    outcome  by innovations; others give no finding
     """
     fit = outcome.fit
-    if fit is None or ROLE not in outcome.task.roles.inputs:
+    if fit is None or TORQUE_ROLE not in outcome.task.roles.inputs:
         return []
     for way in (EARLIER, LATER):
-        whole = _asked(outcome, fit, _moved(way), 1)
-        if whole.gain <= SURE:
+        whole = _fit_with_torque(outcome, fit, _shifted(way), 1)
+        if whole.gain <= MIN_SHIFT_GAIN:
             continue
         n = 1
-        while n < MOST_SAMPLES and (next_ := _asked(outcome, fit, _moved(way * (n + 1)), n + 1)).gain > whole.gain:
+        while n < MAX_SHIFT_SAMPLES and (next_ := _fit_with_torque(
+                outcome, fit, _shifted(way * (n + 1)), n + 1)).gain > whole.gain:
             whole, n = next_, n + 1
-        less, more = (_asked(outcome, fit, _moved(way * (n + off)), n + off) for off in (-0.5, 0.5))
-        if whole.gain - less.gain <= THAN_HALF or whole.left > HOPELESS:
+        less, more = (_fit_with_torque(outcome, fit, _shifted(way * (n + off)), n + off) for off in (-0.5, 0.5))
+        if whole.gain - less.gain <= MIN_HALF_SAMPLE_GAIN or whole.left > MAX_REPAIRABLE:
             return []
-        passes = {cycle: _low_pass(outcome, fit, way, cycle) for cycle in (0, 1)}
-        best = max(more, *(ask(time * n) for ask in passes.values() for time in FEW), key=lambda asked: asked.gain)
+        passes = {cycle: _fit_by_time_constant(outcome, fit, way, cycle) for cycle in (0, 1)}
+        best = max(more, *(fit_at(time * n) for fit_at in passes.values() for time in TIMES_OF_SHIFT),
+                   key=lambda f: f.gain)
         experiments = outcome.task.experiments
-        if best.gain - whole.gain > THAN_HALF:
-            best = max(best, *(_likeliest(ask) for ask in passes.values()), key=lambda asked: asked.gain)
-            found = _lagging(way, best, experiments)
-            return [found] if found and best.left < LEFT else []
-        return [_finding(way, n, whole.gain, experiments)] if whole.left < LEFT else []
+        if best.gain - whole.gain > MIN_HALF_SAMPLE_GAIN:
+            best = max(best, *(_likeliest_time_constant(fit_at) for fit_at in passes.values()),
+                       key=lambda f: f.gain)
+            found = _low_pass_finding(way, best, experiments)
+            return [found] if found and best.left < MAX_AUTOCORRELATION else []
+        return [_shift_finding(way, n, whole.gain, experiments)] if whole.left < MAX_AUTOCORRELATION else []
     return []
 
 
-def explains(fit: Fit) -> bool:
-    """Whether a model leaves nothing that a shift could take on itself."""
-    return _correlation(fit) < LEFT
+def residual_uncorrelated(fit: Fit) -> bool:
+    """Whether the residual of a model has no correlation that a shift could explain."""
+    return _largest_autocorrelation(fit) < MAX_AUTOCORRELATION
 
 
-def _low_pass(outcome: Outcome, fit: Fit, way: int, cycle: int) -> Callable[[float], Asked]:
-    """What asks for a torque without, or with, a low-pass of first order in front of the log, of a time constant.
+def _fit_by_time_constant(outcome: Outcome, fit: Fit, way: int, cycle: int) -> Callable[[float], ShiftedFit]:
+    """A function from a time constant to the fit without, or with, a low-pass of first order in front of the log.
 
-    cycle  by how many samples it is earlier, or later, besides
+    cycle  samples by which the torque is also shifted
     """
-    def ask(time: float) -> Asked:
+    def fit_at(time: float) -> ShiftedFit:
         def change(torque: np.ndarray) -> np.ndarray:
-            moved = _moved(way * cycle)(torque)
+            moved = _shifted(way * cycle)(torque)
             return _without_lag(moved, time) if way == EARLIER else _with_lag(moved, time)
 
-        return replace(_asked(outcome, fit, change, cycle + time), time=time)
+        return replace(_fit_with_torque(outcome, fit, change, cycle + time), time=time)
 
-    return ask
+    return fit_at
 
 
-def _likeliest(ask: Callable[[float], Asked]) -> Asked:
+def _likeliest_time_constant(fit_at: Callable[[float], ShiftedFit]) -> ShiftedFit:
     """The best time constant."""
-    best, ratio = max(map(ask, TIMES), key=lambda asked: asked.gain), RATIO
-    for _ in range(FINER):
+    best, ratio = max(map(fit_at, TIME_CONSTANTS), key=lambda f: f.gain), TIME_CONSTANT_RATIO
+    for _ in range(REFINEMENTS):
         ratio **= 0.5
-        best = max(best, ask(best.time / ratio), ask(best.time * ratio), key=lambda asked: asked.gain)
+        best = max(best, fit_at(best.time / ratio), fit_at(best.time * ratio), key=lambda f: f.gain)
     return best
 
 
-def _asked(outcome: Outcome, fit: Fit, change: Change, samples: float) -> Asked:
-    """The fit again with a changed torque, for two rounds from where it was: all that moves does so in them."""
-    task = replace(outcome.task, experiments=_changed(outcome.task.experiments, change))
-    other = fit_innovations(replace(outcome.problem, traces=task.traces()), fit.point, fit.noise, most=2,
-                            arrived=True)
-    return Asked(fit.value - other.value, _correlation(other), samples)
+def _fit_with_torque(outcome: Outcome, fit: Fit, change: Change, samples: float) -> ShiftedFit:
+    """The refit with a changed torque, two rounds from the optimum: the values converge within them."""
+    task = replace(outcome.task, experiments=_with_changed_torque(outcome.task.experiments, change))
+    other = fit_innovations(replace(outcome.problem, traces=task.traces()), fit.point, fit.noise, max_rounds=2,
+                            near_optimum=True)
+    return ShiftedFit(fit.value - other.value, _largest_autocorrelation(other), samples)
 
 
-def _correlation(fit: Fit) -> float:
-    """The largest correlation between one-step errors of the first sensor."""
+def _largest_autocorrelation(fit: Fit) -> float:
+    """The largest autocorrelation of the one-step prediction errors of the first sensor."""
     z = np.concatenate([f.innovations[:, 0] / np.sqrt(f.variance[:, 0]) for f in fit.passes])
     z = z[np.isfinite(z)] - np.mean(z[np.isfinite(z)])
-    return float(max(abs(z[k:] @ z[:-k]) for k in range(1, LAGS + 1)) / (z @ z))
+    return float(max(abs(z[k:] @ z[:-k]) for k in range(1, AUTOCORRELATION_LAGS + 1)) / (z @ z))
 
 
-def _changed(experiments: Sequence[Experiment], change: Change) -> tuple[Experiment, ...]:
+def _with_changed_torque(experiments: Sequence[Experiment], change: Change) -> tuple[Experiment, ...]:
     """The recordings with another torque, segment by segment."""
     found = []
     for e in experiments:
-        torque = e.signals[ROLE].copy()
+        torque = e.signals[TORQUE_ROLE].copy()
         for first, last in e.segments:
-            torque[first:last] = change(e.signals[ROLE][first:last])
-        found.append(replace(e, signals={**e.signals, ROLE: torque}))
+            torque[first:last] = change(e.signals[TORQUE_ROLE][first:last])
+        found.append(replace(e, signals={**e.signals, TORQUE_ROLE: torque}))
     return tuple(found)
 
 
-def _moved(samples: float) -> Change:
-    """That many samples later, between two of them their mean; at an end the last value stands in."""
+def _shifted(samples: float) -> Change:
+    """A shift to later by so many samples, between two of them their mean; the end value is repeated."""
     def whole(torque: np.ndarray, by: int) -> np.ndarray:
         return torque[np.clip(np.arange(len(torque)) - by, 0, len(torque) - 1)]
 
@@ -148,44 +154,44 @@ def _moved(samples: float) -> Change:
 
 
 def _without_lag(torque: np.ndarray, time: float) -> np.ndarray:
-    """What a digital low-pass, y += (u - y) / (1 + time), was given."""
+    """The input of a digital low-pass, y += (u - y) / (1 + time), from its output."""
     return torque + time * np.diff(torque, prepend=torque[0])
 
 
 def _with_lag(torque: np.ndarray, time: float) -> np.ndarray:
-    """What such a low-pass gives."""
+    """The output of such a low-pass."""
     from scipy.signal import lfilter
 
-    rest = time / (1.0 + time)
-    return lfilter([1.0 - rest], [1.0, -rest], torque, zi=[rest * torque[0]])[0]
+    pole = time / (1.0 + time)
+    return lfilter([1.0 - pole], [1.0, -pole], torque, zi=[pole * torque[0]])[0]
 
 
-def _finding(way: int, samples: int, gain: float, experiments: Sequence[Experiment]) -> Finding:
+def _shift_finding(way: int, samples: int, gain: float, experiments: Sequence[Experiment]) -> Finding:
     shift = way * samples * experiments[0].step
-    told = "one sample" if samples == 1 else f"{samples} samples"
-    alike = len({round(e.step, 12) for e in experiments}) == 1
-    cure = f"`shift: {shift:.6g}`" if alike else f"a `shift` of {'minus ' if shift < 0 else ''}{told}"
-    text = {EARLIER: f"is logged {told} late: the motion answers before it is there",
-            LATER: f"is logged {told} early: the motion answers {told if samples > 1 else 'a sample'} later than "
-                   "it should"}
+    count = "one sample" if samples == 1 else f"{samples} samples"
+    one_rate = len({round(e.step, 12) for e in experiments}) == 1
+    entry = f"`shift: {shift:.6g}`" if one_rate else f"a `shift` of {'minus ' if shift < 0 else ''}{count}"
+    text = {EARLIER: f"is logged {count} late: the motion responds before it is logged",
+            LATER: f"is logged {count} early: the motion responds {count if samples > 1 else 'a sample'} later "
+                   "than it should"}
     more = "" if way == EARLIER else " A dead time or a lag of the converter, or a filter of the speed, " \
         "looks the same; then free converter.dead_time or converter.bandwidth, or set sensor.bandwidth, instead."
-    return Finding("warning", "torque-late" if way == EARLIER else "torque-early", f"The torque {text[way]}.",
+    return Finding("warning", "torque-shifted", f"The torque {text[way]}.",
                    {"shift": float(shift), "log_likelihood": float(gain)},
-                   f"Write {cure} for {ROLE} in the channel map.{more}")
+                   f"Write {entry} for {TORQUE_ROLE} in the channel map.{more}")
 
 
-def _lagging(way: int, best: Asked, experiments: Sequence[Experiment]) -> Finding | None:
-    """What is said where a low-pass, or a part of a sample, is likelier than whole samples."""
+def _low_pass_finding(way: int, best: ShiftedFit, experiments: Sequence[Experiment]) -> Finding | None:
+    """The finding where a low-pass, or a part of a sample, is likelier than whole samples."""
     step = experiments[0].step
     if way == EARLIER:
         return Finding(
-            "warning", "torque-filtered", "The logged torque follows the one that acts as behind a low-pass of "
-            f"about {best.time * step:.2g} s; no `shift` cures that.",
+            "warning", "torque-filtered", "The logged torque is the acting torque after a low-pass of "
+            f"about {best.time * step:.2g} s; no `shift` corrects that.",
             {"time_constant": float(best.time * step), "log_likelihood": float(best.gain)},
             "Log the torque in front of its filter, or the command.") if best.time else None
     return Finding(
-        "warning", "input-delay", f"The motion answers the torque about {best.samples * step:.2g} s later than the "
+        "warning", "input-delay", f"The motion follows the torque about {best.samples * step:.2g} s later than the "
         "model does, and not by whole samples: the converter has a lag or a dead time, or the speed is filtered.",
         {"delay": float(best.samples * step), "log_likelihood": float(best.gain)},
         "Free converter.bandwidth or converter.dead_time, or set sensor.bandwidth.")

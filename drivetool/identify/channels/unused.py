@@ -1,4 +1,4 @@
-"""Roles that a recording has and a step does not use, each with the reason: nothing is left out in silence."""
+"""Roles that a recording has and a step does not use, each with the reason."""
 
 from __future__ import annotations
 
@@ -29,10 +29,10 @@ def used_by(step: str, experiments: Sequence[Experiment], drive: Drive, criterio
 
 
 def _used_by_steady(experiments: Sequence[Experiment], drive: Drive) -> set[str]:
-    """The torque and a motor's motion; of two bodies what is between them, and the motion behind it."""
+    """The torque and the motor's motion; of two bodies also the shaft torque, and the load's motion with it."""
     common = set.intersection(*(set(e.signals) for e in experiments))
-    fed = VOLTAGES if fed_by_voltages(drive) else ()
-    used = {"motor_torque", *fed, *[r for r in AT_MOTOR if r in common][:1]}
+    voltages = VOLTAGES if fed_by_voltages(drive) else ()
+    used = {"motor_torque", *voltages, *[r for r in AT_MOTOR if r in common][:1]}
     if len(drive.bodies) == 2 and "shaft_torque" in common:
         used |= {"shaft_torque", *[r for r in ("load_speed", "load_angle") if r in common][:1]}
     return used
@@ -40,31 +40,31 @@ def _used_by_steady(experiments: Sequence[Experiment], drive: Drive) -> set[str]
 
 def unused_roles(experiments: Sequence[Experiment], used: Collection[str], drive: Drive | None,
                  step: str) -> list[Finding]:
-    """What of the recordings the step has left out, as one finding; a warning where the drive has no such body.
+    """One finding on the roles that the step does not use; a warning where the drive has no such body.
 
     used   the roles that it takes
-    drive  of which it makes a model; None: none
+    drive  that it models; None: none
     """
     there = dict.fromkeys(role for e in experiments for role in e.signals)
     common = set.intersection(*(set(e.signals) for e in experiments))
-    left, strange = [], []
+    unused, impossible = [], []
     for role in there:
         if role in used:
             continue
-        if drive and (reason := _stranger(role, drive)):
-            strange.append(f"{role} ({reason})")
+        if drive and (reason := _why_impossible(role, drive)):
+            impossible.append(f"{role} ({reason})")
         else:
-            left.append(f"{role} ({_reason(role, common, used, drive)})")
-    if not (left or strange):
+            unused.append(f"{role} ({_why_unused(role, common, used, drive)})")
+    if not (unused or impossible):
         return []
     return [Finding(
-        "warning" if strange else "note", "role-not-used",
-        f"{step} does not use {', '.join([*strange, *left])}.", {"roles": len(left) + len(strange)},
+        "warning" if impossible else "note", "role-not-used",
+        f"{step} does not use {', '.join([*impossible, *unused])}.", {"roles": len(unused) + len(impossible)},
         f"Name the bodies and shafts of the drive like the roles (drive: bodies: [{', '.join(drive.bodies)}])."
-        if drive and strange else "")]
+        if drive and impossible else "")]
 
 
-def _stranger(role: str, drive: Drive) -> str:
+def _why_impossible(role: str, drive: Drive) -> str:
     """Why no model of this drive can have a role; empty if one can."""
     owner, _, what = role.rpartition("_")
     if role in INPUTS:
@@ -77,10 +77,10 @@ def _stranger(role: str, drive: Drive) -> str:
     return f"the drive has no {kind} {owner}"
 
 
-def _reason(role: str, common: Collection[str], used: Collection[str], drive: Drive | None) -> str:
+def _why_unused(role: str, common: Collection[str], used: Collection[str], drive: Drive | None) -> str:
     """Why a role that the drive can have is not used."""
     if role not in common:
         return "not in every recording"
     choices = next((c for c in sensors_of(drive) if role in c), ()) if drive else ()
-    beside = next((c for c in choices if c in used), None)
-    return f"{beside} is used for it" if beside else "not asked for"
+    alternative = next((c for c in choices if c in used), None)
+    return f"{alternative} is used for it" if alternative else "not requested"

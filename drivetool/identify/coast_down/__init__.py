@@ -1,4 +1,4 @@
-"""A drive that runs down without torque.
+"""A drive that coasts down without torque.
 
 Experiments and options come in. Friction over inertia, and both where a scale is known, go out as an Estimate.
 """

@@ -1,4 +1,4 @@
-"""A run-down fitted window by window, as published procedures do, and how far that is from fitting all at once."""
+"""A coast-down fitted window by window, as published procedures do, and its difference from the joint fit."""
 
 from __future__ import annotations
 
@@ -9,41 +9,41 @@ import numpy as np
 
 from drivetool.drive import Drive
 from drivetool.errors import BadOption, Finding, NotEnoughData
-from drivetool.identify.coast_down.readings import AROUND
-from drivetool.identify.coast_down.report import exhibits, figures, ratio_lines
-from drivetool.identify.coast_down.run_down_fit import NOTHING, Fitted, Prior, Run, fit, run_of
+from drivetool.identify.coast_down.coast_down_fit import NO_PRIOR, CoastDownFit, Prior, Run, fit, run_of
+from drivetool.identify.coast_down.readings import COUNTS_AROUND
+from drivetool.identify.coast_down.report import coast_down_plots, fit_figures, ratio_lines
 from drivetool.identify.coast_down.stretches import Stretch
 from drivetool.identify.estimate import Z95, Estimate, Parameter
 from drivetool.logs import Experiment
 
 VISCOUS, COULOMB = "motor.viscous", "motor.coulomb"
-SECOND = (".coulomb", ".idle_torque", ".breakaway", ".stribeck")  # what the second window fits
-THIRD = ("_speed",)  # what the last one does, at which such a surplus of friction begins
-FEWEST = 4 * AROUND  # readings of a window: counts are placed by those around them
-REASON = "a staged fit holds what later windows fit: what it errs by is no matter of noise"
+SECOND_WINDOW_SUFFIXES = (".coulomb", ".idle_torque", ".breakaway", ".stribeck")  # fitted by the second window
+LAST_WINDOW_SUFFIXES = ("_speed",)  # fitted by the last window: the speed at which a surplus of friction begins
+MIN_WINDOW_READINGS = 4 * COUNTS_AROUND  # counts are placed by COUNTS_AROUND readings on either side
+STAGED_FIT_REASON = "a staged fit holds what later windows fit: its error is systematic, not noise"
 
 
 @dataclass(frozen=True)
-class Joint:
-    """The fit of all at once, that a staged one is compared with.
+class JointFit:
+    """The joint fit of all parameters, with which a staged one is compared.
 
-    begun  start values, one set per start of the fit; ended: where it ended
-    known  values that a person or a file gave, in the units of the drive; none where no scale is known
+    starts  start values, one set per start of the fit; ended: where it ended
+    known   values that a person or a file gave, in the units of the drive; none where no scale is known
     """
 
     experiments: Sequence[Experiment]
     stretches: Sequence[Stretch]
     runs: Sequence[Run]
-    begun: tuple[Drive, ...]
+    starts: tuple[Drive, ...]
     ended: Drive
-    fitted: Fitted
+    fitted: CoastDownFit
     prior: Prior
     known: Mapping[str, float]
 
 
 @dataclass(frozen=True)
 class Stage:
-    """One window: (high, low) of the speed, what it fits, and the runs cut to it."""
+    """One window: (high, low) of the speed, the parameters it fits, and the runs cut to it."""
 
     window: tuple[float, float]
     free: tuple[str, ...]
@@ -51,7 +51,7 @@ class Stage:
 
 
 @dataclass(frozen=True)
-class Apart:
+class StagedDifference:
     """A value by stages, and that of the joint fit with its standard deviation."""
 
     staged: float
@@ -64,52 +64,55 @@ class Apart:
         return (self.staged - self.joint) / self.std
 
 
-def in_stages(estimate: Estimate, joint: Joint, windows: Sequence[tuple[float, float]]) -> Estimate:
+def fit_in_stages(estimate: Estimate, joint: JointFit, windows: Sequence[tuple[float, float]]) -> Estimate:
     """The estimate with values of a staged fit in the place of the joint ones.
 
     Each window fits its parameters; those of earlier windows stay, those of later ones are at their start value,
     zero where none is known. The values have no intervals; how far they are from the joint fit is a finding.
 
-    windows  (high, low) of the speed [motion unit/s], from fast to slow; where the drive runs is by the joint fit
-    raises   BadOption: a window has nothing to fit; NotEnoughData: one in which nothing runs down
+    windows  (high, low) of the speed [motion unit/s], from fast to slow; the speeds are those of the joint fit
+    raises   BadOption: a window has nothing to fit; NotEnoughData: one without a coast-down
     """
     stages = _stages(joint, windows)
-    held = {n: joint.known.get(n, 0.0) for stage in stages[1:] for n in stage.free if not n.endswith(THIRD)}
-    ended = min((_through(d.with_values(held), stages, joint.prior) for d in joint.begun), key=lambda e: e[1])[0]
-    whole = fit(ended, (), joint.runs, NOTHING)
-    lines = tuple(_by_stages(p, ended) if p.std is not None else p for p in estimate.parameters)
-    ratios = tuple(p.untold(REASON) for p in ratio_lines(ended, joint.fitted.names, joint.fitted))
-    apart = {old.name: Apart(new.value, old.value, old.std)
+    held = {n: joint.known.get(n, 0.0) for stage in stages[1:] for n in stage.free
+            if not n.endswith(LAST_WINDOW_SUFFIXES)}
+    ended = min((_fit_stages(d.with_values(held), stages, joint.prior) for d in joint.starts),
+                key=lambda e: e[1])[0]
+    whole = fit(ended, (), joint.runs, NO_PRIOR)
+    lines = tuple(_staged_parameter(p, ended) if p.std is not None else p for p in estimate.parameters)
+    ratios = tuple(p.without_interval(STAGED_FIT_REASON)
+                   for p in ratio_lines(ended, joint.fitted.names, joint.fitted))
+    differences = {old.name: StagedDifference(new.value, old.value, old.std)
              for old, new in zip((*estimate.parameters, *estimate.ratios), (*lines, *ratios), strict=True)
              if old.std}
     unit = f"{ended.motion_unit}/s"
     details = {"stages": [{"from": s.window[0], "to": s.window[1], "unit": unit, "fitted": list(s.free),
                            "readings": sum(len(r.reading.known) for r in s.runs)} for s in stages],
                "joint_fit": {name: {"value": a.joint, "std": a.std, "difference_in_std": a.in_std}
-                             for name, a in apart.items()}}
+                             for name, a in differences.items()}}
     return replace(
         estimate, drive=estimate.drive.with_values({p.name: p.value for p in lines if np.isfinite(p.value)}),
         parameters=lines, ratios=ratios, covariance=None,
-        # The chi-square of a wrong model is none: its errors have been taken for those of the encoder.
-        fit={k: v for k, v in figures(whole, joint.stretches).items() if not k.startswith("chi2")},
+        # The chi-square of a wrong model is meaningless: its errors were attributed to the encoder.
+        fit={k: v for k, v in fit_figures(whole, joint.stretches).items() if not k.startswith("chi2")},
         outcome=f"{estimate.outcome.rstrip('.')}; fitted in {len(stages)} stages.",
         details={k: v for k, v in estimate.details.items() if k != "ratio_covariance"} | details,
-        findings=(*estimate.findings, _bias(apart, stages[0], held, joint.ended, unit)),
-        exhibits=exhibits(joint.experiments, joint.stretches, whole, ended))
+        findings=(*estimate.findings, _bias_finding(differences, stages[0], held, joint.ended, unit)),
+        exhibits=coast_down_plots(joint.experiments, joint.stretches, whole, ended))
 
 
-def _by_stages(line: Parameter, ended: Drive) -> Parameter:
+def _staged_parameter(line: Parameter, ended: Drive) -> Parameter:
     """A parameter with its value by stages."""
     value = ended.values[line.name]
-    return replace(line, value=value).untold(
-        REASON, "at-bound" if value in ended.quantity(line.name).bounds else "fitted")
+    return replace(line, value=value).without_interval(
+        STAGED_FIT_REASON, "at-bound" if value in ended.quantity(line.name).bounds else "fitted")
 
 
-def _stages(joint: Joint, windows: Sequence[tuple[float, float]]) -> list[Stage]:
-    """What each window fits, and where it is in the recordings."""
+def _stages(joint: JointFit, windows: Sequence[tuple[float, float]]) -> list[Stage]:
+    """The parameters of each window, and its samples in the recordings."""
     names = joint.fitted.names
-    last = [n for n in names if n.endswith(THIRD)] if len(windows) > 2 else []
-    second = [n for n in names if n.endswith((*SECOND, *THIRD)) and n not in last]
+    last = [n for n in names if n.endswith(LAST_WINDOW_SUFFIXES)] if len(windows) > 2 else []
+    second = [n for n in names if n.endswith((*SECOND_WINDOW_SUFFIXES, *LAST_WINDOW_SUFFIXES)) and n not in last]
     groups = [[n for n in names if n not in second and n not in last], second, last][:len(windows)]
     found = []
     for k, (window, free) in enumerate(zip(windows, groups, strict=True)):
@@ -117,12 +120,12 @@ def _stages(joint: Joint, windows: Sequence[tuple[float, float]]) -> list[Stage]
             raise BadOption(f"a parameter to fit in window {k + 1} of --stages", "none that is free",
                             "Leave this window out; a third one is for --free motor.breakaway --free "
                             "motor.breakaway_speed.")
-        found.append(Stage(window, tuple(free), _cut(joint, window, first=k == 0)))
+        found.append(Stage(window, tuple(free), _runs_in_window(joint, window, first=k == 0)))
     return found
 
 
-def _cut(joint: Joint, window: tuple[float, float], first: bool) -> tuple[Run, ...]:
-    """The run-downs inside a window; the stretches under torque, which give the scale, count to the first."""
+def _runs_in_window(joint: JointFit, window: tuple[float, float], first: bool) -> tuple[Run, ...]:
+    """The coast-downs inside a window; the stretches under torque, which give the scale, belong to the first."""
     high, low = window
     found: list[Run] = []
     for run, s, reading, speed in zip(joint.runs, joint.stretches, joint.fitted.readings, joint.fitted.speeds,
@@ -131,47 +134,47 @@ def _cut(joint: Joint, window: tuple[float, float], first: bool) -> tuple[Run, .
             found += [run] if first else []
             continue
         inside = reading.known[(np.abs(speed) <= high) & (np.abs(speed) >= low)]
-        if len(inside) >= FEWEST:
+        if len(inside) >= MIN_WINDOW_READINGS:
             found.append(run_of(joint.experiments[s.recording], replace(
                 s, first=s.first + int(inside[0]), last=s.first + int(inside[-1]) + 1)))
     if all(r.inputs.any() for r in found):
         fast = np.concatenate([np.abs(w) for w, s in zip(joint.fitted.speeds, joint.stretches, strict=True)
                                if s.off])
         unit = f"{joint.ended.motion_unit}/s"
-        raise NotEnoughData(f"{FEWEST} readings of a run-down from {high:.4g} to {low:.4g} {unit}",
-                            f"run-downs from {fast.max():.4g} to {fast.min():.4g} {unit}",
-                            "Give windows after --stages in which the drive runs down.")
+        raise NotEnoughData(f"{MIN_WINDOW_READINGS} readings of a coast-down from {high:.4g} to {low:.4g} {unit}",
+                            f"coast-downs from {fast.max():.4g} to {fast.min():.4g} {unit}",
+                            "Give windows after --stages in which the drive coasts down.")
     return tuple(found)
 
 
-def _through(drive: Drive, stages: Sequence[Stage], prior: Prior) -> tuple[Drive, float]:
+def _fit_stages(drive: Drive, stages: Sequence[Stage], prior: Prior) -> tuple[Drive, float]:
     """(where the stages end, minus twice the log likelihood of all of them)."""
-    unlikely = 0.0
+    loss = 0.0
     for stage in stages:
         found = fit(drive, stage.free, stage.runs, prior.of(stage.free))
         drive = drive.with_values(dict(zip(stage.free, map(float, found.values), strict=True)))
-        unlikely += found.unlikely
-    return drive, unlikely
+        loss += found.deviance
+    return drive, loss
 
 
-def _bias(apart: Mapping[str, Apart], first: Stage, held: Mapping[str, float], ended: Drive,
-          unit: str) -> Finding:
+def _bias_finding(differences: Mapping[str, StagedDifference], first: Stage, held: Mapping[str, float],
+                  ended: Drive, unit: str) -> Finding:
     """How far the values are from the joint fit, and why."""
-    told = ", ".join(f"{name} by {100.0 * (a.staged / a.joint - 1.0):+.3g} % ({_count(a.in_std)} of its standard "
-                     "deviations)" for name, a in apart.items() if a.joint)
-    why = ""
+    listed = ", ".join(f"{name} by {100.0 * (a.staged / a.joint - 1.0):+.3g} % ({_stds_text(a.in_std)} of its "
+                       "standard deviations)" for name, a in differences.items() if a.joint)
+    reason = ""
     if COULOMB in held and ended.value(VISCOUS) and ended.value(COULOMB):
         share = [ended.values[COULOMB] / (ended.values[VISCOUS] * w) for w in first.window if w]
         at = f"at {held[COULOMB]:.4g} {ended.unit(COULOMB)}" if held[COULOMB] else "left out"
-        why = (f" Coulomb friction is {at} in the window from {first.window[0]:.4g} to {first.window[1]:.4g} "
+        reason = (f" Coulomb friction is {at} in the window from {first.window[0]:.4g} to {first.window[1]:.4g} "
                f"{unit}, where by the joint fit it is {' to '.join(f'{s:.2f}' for s in share)} times the viscous "
                "friction.")
     return Finding(
-        "warning" if any(abs(a.in_std) > Z95 for a in apart.values()) else "note", "staged-fit",
-        f"The staged fit differs from the fit of all at once: {told or 'in nothing that is told'}.{why}",
-        {name: a.in_std for name, a in apart.items()}, "Leave out --stages for the joint fit.")
+        "warning" if any(abs(a.in_std) > Z95 for a in differences.values()) else "note", "staged-fit",
+        f"The staged fit differs from the joint fit: {listed or 'in no identified parameter'}.{reason}",
+        {name: a.in_std for name, a in differences.items()}, "Leave out --stages for the joint fit.")
 
 
-def _count(away: float) -> str:
+def _stds_text(stds: float) -> str:
     """A number of standard deviations in three digits."""
-    return f"{float(f'{away:.3g}'):+.0f}" if abs(away) >= 100.0 else f"{away:+.3g}"
+    return f"{float(f'{stds:.3g}'):+.0f}" if abs(stds) >= 100.0 else f"{stds:+.3g}"

@@ -12,20 +12,24 @@ from drivetool.errors import BadRecording, NotEnoughData
 from drivetool.identify.plateaus import block_means, speed_of
 from drivetool.identify.setup import supply_of, white_std
 from drivetool.logs import Experiment
-from drivetool.logs.samples import quantum
+from drivetool.logs.samples import quantisation_step
 
-NOISE = 5.0  # standard deviations of the torque's white noise: chance exceeds them once in a million samples
-# Steps or noises of the sensor that a drive which runs down goes, or is fast, at least: with less it may stand.
-STEPS = 5.0
-# Share of its speed that a drive without torque loses at least: controllers hold one within less, and friction
-# takes more of it in any record that is worth a fit.
-FALLS = 0.01
-LEAST = 50  # samples of a stretch: fewer have no shape that tells two frictions apart
-BLOCKS = 200  # means of the speed, by which the beginning is found where no torque was logged
-# Of the highest speed, below which a drive without a logged torque is taken to run down: a controller holds the
-# speed before within 1 %, and little of the run-down is lost.
-BEGUN = 0.98
-REGISTER = 0.01  # share of a power of two, within which a jump is over the range of a counter of so many digits
+# Standard deviations of the torque's white noise: chance exceeds them once in a million samples.
+OFF_TORQUE_STDS = 5.0
+# Quantisation steps or noise standard deviations of the sensor that a coast-down moves at least, or of its speed:
+# with less the drive may stand.
+MIN_MOTION_STEPS = 5.0
+# Share of its speed that a drive without torque loses at least: controllers hold it within less, and friction
+# takes more of it in any record that identifies friction.
+MIN_SPEED_LOSS = 0.01
+MIN_COAST_DOWN_SAMPLES = 50  # samples of a stretch: fewer have no shape that separates two frictions
+# Means of the speed that locate the beginning where no torque was logged. A choice: 0.5 % of a record.
+SPEED_BLOCKS = 200
+# Share of the highest speed below which a drive without a logged torque is assumed to coast down: a controller
+# holds the speed before within 1 %, and little of the coast-down is lost.
+START_SPEED_SHARE = 0.98
+# Share of a power of two, within which a jump is the range of a counter of so many bits. A choice.
+COUNTER_TOLERANCE = 0.01
 
 
 @dataclass(frozen=True)
@@ -45,35 +49,35 @@ def stretches_of(experiments: Sequence[Experiment], decay: float) -> list[Stretc
     raises  NotEnoughData: none without torque, or none that moves; BadRecording: a counter starts again
     """
     for e in experiments:
-        _goes_on(e)
-    found = [s for i, e in enumerate(experiments) for s in _of_one(i, e, decay) if _moves(e, s)]
+        _refuse_counter_wrap(e)
+    found = [s for i, e in enumerate(experiments) for s in _stretches_of_record(i, e, decay) if _moves(e, s)]
     if not any(s.off for s in found):
         raise NotEnoughData(
-            "a stretch in which the drive runs down without torque",
+            "a stretch in which the drive coasts down without torque",
             f"none in {', '.join(e.name for e in experiments)}",
             "Switch the drive off at speed and record until it stands. Where it was driven, check the channel of "
-            "its torque; without one cut the record to the run-down with --condition 'keep from=2 to=8'.")
+            "its torque; without one cut the record to the coast-down with --condition 'keep from=2 to=8'.")
     return found
 
 
 def acting(experiment: Experiment) -> np.ndarray | None:
-    """(n,) what drives the motor: the voltage of its supply, or its torque; None: neither was logged."""
+    """(n,) input that drives the motor: the voltage of its supply, or its torque; None: neither was logged."""
     supply = supply_of(experiment)
     return experiment.signals.get("motor_torque") if supply is None else supply
 
 
-def run_downs(experiments: Sequence[Experiment]) -> list[Stretch]:
-    """The stretches without torque in which the drive runs down."""
-    return [s for i, e in enumerate(experiments) for s in _of_one(i, e, 0.0) if s.off and _moves(e, s)]
+def find_coast_downs(experiments: Sequence[Experiment]) -> list[Stretch]:
+    """The stretches without torque in which the drive coasts down."""
+    return [s for i, e in enumerate(experiments) for s in _stretches_of_record(i, e, 0.0) if s.off and _moves(e, s)]
 
 
-def _goes_on(experiment: Experiment) -> None:
-    """Refuse an angle that jumps where its counter starts again: every jump would be a motion."""
+def _refuse_counter_wrap(experiment: Experiment) -> None:
+    """Refuse an angle that jumps where its counter starts again: the fit would take every jump for motion."""
     for finding in experiment.findings:
-        if finding.code == "angle-wraps" and finding.evidence.get("role") == "motor_angle":
+        if finding.code == "value-wraps" and finding.evidence.get("role") == "motor_angle":
             size = float(finding.evidence["size"])
             whole = 2.0 ** round(np.log2(size))
-            wrap = f"{whole:.0f}" if abs(size - whole) < REGISTER * whole else f"{size:.4g}"
+            wrap = f"{whole:.0f}" if abs(size - whole) < COUNTER_TOLERANCE * whole else f"{size:.4g}"
             raise BadRecording(
                 "an angle that goes on where its counter starts again",
                 f"motor_angle of {experiment.name} jumps by {size:.6g}",
@@ -82,55 +86,55 @@ def _goes_on(experiment: Experiment) -> None:
 
 
 def _moves(experiment: Experiment, stretch: Stretch) -> bool:
-    """Whether a stretch goes some steps of its sensor, or noises, and without torque becomes slower."""
+    """Whether a stretch moves by some quantisation steps or noise stds, and without torque becomes slower."""
     role = "motor_angle" if "motor_angle" in experiment.signals else "motor_speed"
     y = experiment.signal(role, "the coast-down")[stretch.first:stretch.last]
-    least = STEPS * max(quantum(y) if role == "motor_angle" else 0.0, white_std([y]))
-    if not (np.nanmax(y) - np.nanmin(y) if role == "motor_angle" else abs(np.nanmean(y))) > least:
+    threshold = MIN_MOTION_STEPS * max(quantisation_step(y) if role == "motor_angle" else 0.0, white_std([y]))
+    if not (np.nanmax(y) - np.nanmin(y) if role == "motor_angle" else abs(np.nanmean(y))) > threshold:
         return False
     tenth, known = len(y) // 10, np.flatnonzero(np.isfinite(y))
     head, tail = (known[(known >= a) & (known < b)] for a, b in ((0, tenth), (len(y) - tenth, len(y))))
     if not stretch.off or min(len(head), len(tail)) < 2:
         return not stretch.off
-    begun, ended = ((y[k[-1]] - y[k[0]]) / (k[-1] - k[0]) if role == "motor_angle" else y[k].mean()
+    first_speed, last_speed = ((y[k[-1]] - y[k[0]]) / (k[-1] - k[0]) if role == "motor_angle" else y[k].mean()
                     for k in (head, tail))
-    return bool(abs(ended) < (1.0 - FALLS) * abs(begun))
+    return bool(abs(last_speed) < (1.0 - MIN_SPEED_LOSS) * abs(first_speed))
 
 
-def _of_one(number: int, experiment: Experiment, decay: float) -> list[Stretch]:
+def _stretches_of_record(number: int, experiment: Experiment, decay: float) -> list[Stretch]:
     """The stretches of one recording."""
     skip, acts = int(np.ceil(decay / experiment.step)), acting(experiment)
     found: list[Stretch] = []
     for a, b in experiment.segments:
-        first = a if acts is not None else _falls_from(experiment, a, b)
-        for begin, end, off in _runs(np.zeros(b - first) if acts is None else acts[a:b]):
-            # At the very beginning of a record with its torque nobody knows since when it has been off.
+        first = a if acts is not None else _start_of_coast_down(experiment, a, b)
+        for begin, end, off in _on_and_off(np.zeros(b - first) if acts is None else acts[a:b]):
+            # At the beginning of a record with its torque, the time since switching off is not known.
             start = first + begin + (skip if off and (begin > 0 or acts is None) else 0)
-            if first + end - start >= LEAST:
+            if first + end - start >= MIN_COAST_DOWN_SAMPLES:
                 found.append(Stretch(number, start, first + end, off))
     return found
 
 
-def _runs(torque: np.ndarray) -> list[tuple[int, int, bool]]:
-    """(first, last + 1, whether off) of the stretches of a torque (n,), none shorter than LEAST called off."""
-    off = np.abs(torque) <= NOISE * _noise(torque)
+def _on_and_off(torque: np.ndarray) -> list[tuple[int, int, bool]]:
+    """(first, last + 1, off) of the parts of a torque (n,), off for MIN_COAST_DOWN_SAMPLES samples or more."""
+    off = np.abs(torque) <= OFF_TORQUE_STDS * _white_torque_std(torque)
     edges = np.flatnonzero(np.diff(np.concatenate([[0], off.astype(int), [0]]))).reshape(-1, 2)
     for first, last in edges:
-        off[first:last] = last - first >= LEAST
+        off[first:last] = last - first >= MIN_COAST_DOWN_SAMPLES
     ends = np.flatnonzero(np.diff(np.concatenate([[2], off.astype(int), [2]])))
     return [(int(first), int(last), bool(off[first])) for first, last in pairwise(ends)]
 
 
-def _noise(torque: np.ndarray) -> float:
-    """Standard deviation of a torque's white noise, of which steps and few outliers make nothing."""
+def _white_torque_std(torque: np.ndarray) -> float:
+    """Standard deviation of a torque's white noise, robust against steps and few outliers."""
     third = np.abs(np.diff(torque, 3))
     return float(np.nanmedian(third)) / (0.6745 * np.sqrt(20.0)) if len(third) else 0.0
 
 
-def _falls_from(experiment: Experiment, a: int, b: int) -> int:
+def _start_of_coast_down(experiment: Experiment, a: int, b: int) -> int:
     """The sample from which the speed has left its highest value for good."""
     speed = np.abs(speed_of(experiment, "motor", "the coast-down")[a:b])
-    size = max(1, (b - a) // BLOCKS)
+    size = max(1, (b - a) // SPEED_BLOCKS)
     means = block_means(speed, size)
-    high = np.flatnonzero(means >= BEGUN * np.nanmax(means))
+    high = np.flatnonzero(means >= START_SPEED_SHARE * np.nanmax(means))
     return a + int(high[-1] + 1) * size if len(high) else a

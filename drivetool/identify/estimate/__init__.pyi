@@ -1,18 +1,18 @@
-from .derived_figures import derived as derived
+from .derived_figures import derived_figures_of as derived_figures_of
 from .estimate import (
     Covariance as Covariance,
     Estimate as Estimate,
-    Exhibit as Exhibit,
     FoundLaw as FoundLaw,
     HeatMap as HeatMap,
     Parameter as Parameter,
+    PlotData as PlotData,
     Starts as Starts,
     without_intervals as without_intervals,
 )
 from .interval_and_status import (
-    COLLINEAR as COLLINEAR,
-    ONE_SIDED as ONE_SIDED,
+    MAX_INFLATION as MAX_INFLATION,
     Z95 as Z95,
+    Z95_ONE_SIDED as Z95_ONE_SIDED,
     covariance_of as covariance_of,
     experiment_for as experiment_for,
     held_uncertainty as held_uncertainty,
@@ -20,7 +20,11 @@ from .interval_and_status import (
     moved_by_held as moved_by_held,
     parameters_of as parameters_of,
     why_on_bound as why_on_bound,
-    without_untold as without_untold,
+    without_not_identifiable_findings as without_not_identifiable_findings,
 )
-from .percent import fit_percent as fit_percent, fit_words as fit_words
-from .rounding import explains as explains, only_rounding as only_rounding, rounding_alone as rounding_alone
+from .percent import fit_percent as fit_percent, fit_text as fit_text
+from .rounding import (
+    explains_to_rounding as explains_to_rounding,
+    only_rounding as only_rounding,
+    rounding_finding as rounding_finding,
+)

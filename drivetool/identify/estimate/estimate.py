@@ -1,4 +1,4 @@
-"""What an estimator returns: the fitted drive with its uncertainty and its story."""
+"""What an estimator returns: the fitted drive with its uncertainty and its report."""
 
 from __future__ import annotations
 
@@ -21,10 +21,10 @@ class Parameter:
 
     value, start, std  in `unit`; std and ci95 are None where there is none, and then
                        `reason` says why
-    std_noise, std_structure   parts of the std: by noise, and by what explanations of the record disagree in; None
-                       where the fit does not tell them apart
-    std_between        part of the std by what varies from recording to recording; repeatability: how much that
-                       is, the standard deviation of single recordings; None: fewer than two tell the parameter
+    std_noise, std_structure   parts of the std: by noise, and by the disagreement of candidate models; None where
+                       the fit does not separate them
+    std_between        part of the std by variation from recording to recording; repeatability: the standard
+                       deviation of single recordings; None: fewer than two identify the parameter
     """
 
     name: str
@@ -40,7 +40,7 @@ class Parameter:
     std_between: float | None = None
     repeatability: float | None = None
 
-    def untold(self, reason: str, status: Status | None = None) -> Parameter:
+    def without_interval(self, reason: str, status: Status | None = None) -> Parameter:
         """The same without an interval."""
         return replace(self, std=None, ci95=None, std_noise=None, std_structure=None, std_between=None,
                        repeatability=None, reason=reason, status=status or self.status)
@@ -48,7 +48,7 @@ class Parameter:
 
 @dataclass(frozen=True)
 class FoundLaw:
-    """A torque that the motion foretells and the drive lacks.
+    """A torque that the motion predicts and the drive lacks.
 
     name     in words
     factors  its size, root mean square in the torque's unit, one per column; std of each
@@ -69,10 +69,10 @@ class Covariance:
 
 @dataclass(frozen=True)
 class Starts:
-    """How the starts of a fit agreed.
+    """The agreement of a multi-start fit.
 
-    tried   descents made, from different starts; agreed: those that ended as good as the best
-    spread  largest difference between the values that these ended at, per fitted parameter
+    tried   fits from different starts; agreed: those whose optimum is as good as the best
+    spread  largest difference between the optima of these, per fitted parameter
     """
 
     tried: int
@@ -95,13 +95,13 @@ class HeatMap:
 
 
 @dataclass(frozen=True)
-class Exhibit:
+class PlotData:
     """Signals that a picture is drawn from.
 
     kind    which picture (record, steady, impulse ...); title in words
     x, y    axis labels with unit
     curves  label -> (x (n,), y (n,))
-    heat    what lies under the curves, in colours
+    heat    heat map under the curves
     """
 
     kind: str
@@ -122,13 +122,13 @@ class Estimate:
     outcome     one sentence: how the fit ended
     fit         named figures (simulation_fit_percent, one_step_fit_percent, rmse, n, ...)
     noise       sensor_std per output, torque_std, torque_correlation_time ...
-    details     what else the step found, as plain numbers, strings, lists and mappings
+    details     further results of the step, as plain numbers, strings, lists and mappings
     data        (file name, sha256) per recording
     starts      how the starts agreed, where there was a choice
-    explanation which explanation of the record was chosen, and why, in one sentence
-    laws        torques that the motion foretells; no part of the drive
-    ratios      figures that are told beside the parameters, or without them
-    repeats     whether one-step errors are still correlated: something is left out
+    explanation which candidate model of the record was selected, and why, in one sentence
+    laws        torques that the motion predicts; no part of the drive
+    ratios      figures that are identified beside the parameters, or without them
+    repeats     whether one-step prediction errors are still correlated: the model lacks an effect
     """
 
     step: str
@@ -142,7 +142,7 @@ class Estimate:
     findings: tuple[Finding, ...] = ()
     data: tuple[Source, ...] = ()
     options: Mapping[str, object] = field(default_factory=dict)
-    exhibits: tuple[Exhibit, ...] = ()
+    exhibits: tuple[PlotData, ...] = ()
     starts: Starts | None = None
     explanation: str = ""
     laws: tuple[FoundLaw, ...] = ()
@@ -150,6 +150,6 @@ class Estimate:
     repeats: bool = False
 
 
-def without_intervals(lines: Sequence[Parameter], why: str = "the fit did not settle") -> tuple[Parameter, ...]:
+def without_intervals(lines: Sequence[Parameter], why: str = "the fit did not converge") -> tuple[Parameter, ...]:
     """The lines with no interval on what was fitted."""
-    return tuple(p.untold(why) if p.status in ("fitted", "at-bound") else p for p in lines)
+    return tuple(p.without_interval(why) if p.status in ("fitted", "at-bound") else p for p in lines)

@@ -1,7 +1,7 @@
 """The fit that greybox, backlash and blackbox share.
 
-A task comes in. An outcome by innovations or by simulation, sums of friction and their parts, and what the contact
-did go out.
+A task comes in. An outcome by innovations or by simulation, sums of friction and their parts, and the contact in a
+gap go out.
 """
 
 import lazy_loader

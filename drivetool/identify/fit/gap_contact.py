@@ -1,4 +1,4 @@
-"""What the shaft does in a record: its torque, and how often its gap opens and is crossed."""
+"""Shaft torque in a record, and how often the shaft's gap opens and is crossed."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from drivetool.drive import Assembly, Layout, in_contact
 from drivetool.errors import Finding
 from drivetool.identify.noise import Noise, filtered, fit_ratio
 from drivetool.identify.problem import Point
-from drivetool.identify.setup import Task, first_states, replaced
+from drivetool.identify.setup import Task, first_states, with_trial_values
 
 
 @dataclass(frozen=True)
@@ -31,12 +31,12 @@ class Contact:
     open_share: float
 
 
-def contact(task: Task, shaft: int) -> Contact:
+def contact_of(task: Task, shaft: int) -> Contact:
     """The contact of a shaft, from a Kalman pass with the drive as it is."""
     problem = task.problem(free=())
     point = Point(np.empty(0), first_states(task.drive, task.roles, problem.traces))
     noise = fit_ratio(problem, point, Noise(1.0, None, problem.scale))
-    plain, spring = spring_of(task, shaft, problem.traces[0].step)
+    plain, spring = shaft_torque_row(task, shaft, problem.traces[0].step)
     reach = plain.shafts[shaft][0].v * (plain.gaps[shaft].v if shaft in plain.gaps else 0.0)
     torque, sides = [], []
     for passed in filtered(problem, point, noise):
@@ -56,7 +56,7 @@ def contact(task: Task, shaft: int) -> Contact:
                    float(np.mean(all_sides == 0)))
 
 
-def spring_of(task: Task, shaft: int, step: float) -> tuple[Assembly, np.ndarray]:
+def shaft_torque_row(task: Task, shaft: int, step: float) -> tuple[Assembly, np.ndarray]:
     """(the drive's equations, (nx,) torque of a shaft over its states if its gap were closed)."""
     plain = Assembly(task.drive, Layout((), task.roles.inputs, task.roles.outputs, step, gradient=False))
     spring = np.zeros(plain.nx)
@@ -65,28 +65,28 @@ def spring_of(task: Task, shaft: int, step: float) -> tuple[Assembly, np.ndarray
     return plain, spring
 
 
-def opened_gaps(task: Task, lacking: str) -> list[Finding]:
-    """Shafts whose torque changes sign in the records, unless their half gap is said to be zero.
+def opened_gap_findings(task: Task, treatment: str) -> list[Finding]:
+    """Findings on shafts whose torque changes sign in the records, unless their half gap is stated as zero.
 
-    lacking  what the step makes of a gap, in words
+    lacking  how the step treats a gap, in words
     """
     found = []
     for i, shaft in enumerate(task.drive.shafts):
         name = f"{shaft}.half_gap"
         if task.drive.values.get(name) == 0.0:
             continue
-        seen = contact(shut(task), i)
+        seen = contact_of(with_closed_gaps(task), i)
         if seen.reverses:
             found.append(Finding(
-                "warning", "gap-may-have-opened",
+                "warning", "gap-may-open",
                 f"The torque of {shaft} reaches from {seen.least:.3g} to {seen.most:.3g} {task.drive.torque_unit}: "
-                f"where it changes sign a gap opens, and {lacking}.",
+                f"where it changes sign a gap opens, and {treatment}.",
                 {"least_shaft_torque": seen.least, "largest_shaft_torque": seen.most},
                 f"Use torque steps upward from a constant speed; if there is no gap, say so with --set {name}=0."))
     return found
 
 
-def shut(task: Task) -> Task:
+def with_closed_gaps(task: Task) -> Task:
     """The task with the gaps closed."""
     names = [f"{s}.half_gap" for s in task.drive.shafts]
-    return replace(task, drive=replaced(task.drive, names, np.zeros(len(names))))
+    return replace(task, drive=with_trial_values(task.drive, names, np.zeros(len(names))))

@@ -8,7 +8,7 @@ from .estimator import (
     stretches_of as stretches_of,
 )
 from .frequency_fit import (
-    UNEXPLAINED as UNEXPLAINED,
+    MAX_CHI_SQUARE as MAX_CHI_SQUARE,
     LineProblem as LineProblem,
     greybox_by_frequency as greybox_by_frequency,
     line_weights as line_weights,
@@ -16,5 +16,5 @@ from .frequency_fit import (
     sandwich as sandwich,
 )
 from .frf import Response as Response, Welch as Welch, welch_response as welch_response
-from .spectra_findings import POOR as POOR
+from .spectra_findings import MIN_COHERENCE as MIN_COHERENCE
 from .spectrum import Spectrum as Spectrum

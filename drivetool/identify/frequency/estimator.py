@@ -1,4 +1,4 @@
-"""Spectra: what the drive does at each frequency, before any model is believed."""
+"""Spectra: the nonparametric frequency response of the drive."""
 
 from __future__ import annotations
 
@@ -19,7 +19,8 @@ from drivetool.logs import Experiment
 Method = Literal["auto", "welch", "periodic"]
 METHODS: tuple[Method, ...] = ("auto", "welch", "periodic")
 REFERENCES = ("reference_torque", "reference_speed", "reference_angle")
-FRAMES = 16  # frames of half overlap that a record is cut into by default
+# Half-overlapping frames of a record by default. A choice: scatter of 25 % at a sixteenth's resolution
+DEFAULT_FRAMES = 16
 
 
 @dataclass(frozen=True)
@@ -75,9 +76,9 @@ def spectra(experiments: Sequence[Experiment], options: SpectraOptions) -> Spect
     runs = [stretches_of(e, output) for e in experiments]
     if len({round(r.step, 12) for r in runs}) > 1:
         raise BadRecording("recordings of one sample interval",
-                           ", ".join(f"{r.step:g} s in {r.name}" for r in runs), "Analyse them apart.")
-    size = _period(runs, options)
-    found, each, lines, settings = (_periodic if size else _welch)(runs, options, size)
+                           ", ".join(f"{r.step:g} s in {r.name}" for r in runs), "Analyse them separately.")
+    size = _period_samples(runs, options)
+    found, each, lines, settings = (_periodic_spectra if size else _welch_spectra)(runs, options, size)
     if output.endswith("angle"):
         found, each = _to_speed(found, runs[0].step), [(n, _to_speed(r, runs[0].step)) for n, r in each]
     if options.band:
@@ -91,7 +92,7 @@ def spectra(experiments: Sequence[Experiment], options: SpectraOptions) -> Spect
     e = experiments[0]
     unit = f"{e.unit(output.replace('angle', 'speed'))}/{e.unit('motor_torque')}"
     draft = Spectrum(
-        "motor_torque", output, unit, found, tuple(each), _spread(found, each), levels,
+        "motor_torque", output, unit, found, tuple(each), _std_over_runs(found, each), levels,
         loop, settings, (), (), tuple(x.source for x in experiments))
     draft = replace(draft, peaks=peaks_of(found))
     return replace(draft, findings=findings_of(draft, reference), exhibits=pictures(draft))
@@ -103,7 +104,7 @@ def response_of(experiments: Sequence[Experiment], options: SpectraOptions) -> R
 
 
 def output_role(experiments: Sequence[Experiment], wanted: str | None) -> str:
-    """The sensor that every recording has: the one asked for, else at the motor."""
+    """The sensor that every recording has: the requested one, else at the motor."""
     common = set.intersection(*(set(e.signals) for e in experiments))
     choices = (wanted,) if wanted else ("motor_speed", "motor_angle")
     for role in choices:
@@ -133,11 +134,11 @@ def stretches_of(e: Experiment, output: str) -> Run:
 
 
 def reference_of(e: Experiment) -> list[str]:
-    """The role of what the loop is asked for, the best one; none if there is none."""
+    """The role of the loop's reference, the best one; empty if there is none."""
     return [r for r in REFERENCES if r in e.signals][:1]
 
 
-def _period(runs: Sequence[Run], options: SpectraOptions) -> int | None:
+def _period_samples(runs: Sequence[Run], options: SpectraOptions) -> int | None:
     """Samples per period, if the periodic method is to be used."""
     step = runs[0].step
     if options.method == "welch":
@@ -160,7 +161,7 @@ def _period(runs: Sequence[Run], options: SpectraOptions) -> int | None:
     return None
 
 
-def _periodic(runs: Sequence[Run], options: SpectraOptions, size: int):
+def _periodic_spectra(runs: Sequence[Run], options: SpectraOptions, size: int):
     """(response of all, per run, lines, settings) over whole periods."""
     lines: list[tuple[str, Lines]] = []
     for run in runs:
@@ -178,11 +179,11 @@ def _periodic(runs: Sequence[Run], options: SpectraOptions, size: int):
     return periodic_response([one for _, one in lines]), each, [one for _, one in lines], settings
 
 
-def _welch(runs: Sequence[Run], options: SpectraOptions, size: int | None):
+def _welch_spectra(runs: Sequence[Run], options: SpectraOptions, size: int | None):
     """(response of all, per run, no lines, settings) by Welch's method."""
     step, reference = runs[0].step, runs[0].stretches[0].shape[1] > 2
     shortest = min(max(len(s) for s in r.stretches) for r in runs)
-    samples = round(options.length / step) if options.length else max(32, 2 * shortest // (FRAMES + 1))
+    samples = round(options.length / step) if options.length else max(32, 2 * shortest // (DEFAULT_FRAMES + 1))
     welch = Welch(samples, options.overlap, options.window)
     estimator = options.estimator or ("indirect" if reference else "h1")
     every = [s for r in runs for s in r.stretches]
@@ -201,7 +202,7 @@ def _to_speed(r: Response, step: float) -> Response:
     return replace(r, g=r.g * factor, noise=r.noise * square, total=r.total * square)
 
 
-def _spread(mean: Response, each: Sequence[tuple[str, Response]]) -> np.ndarray | None:
+def _std_over_runs(mean: Response, each: Sequence[tuple[str, Response]]) -> np.ndarray | None:
     """(n,) std over the runs at the lines that all of them have; NaN elsewhere."""
     if len(each) < 2:
         return None

@@ -1,7 +1,7 @@
 """The physical parameters fitted to a measured frequency response.
 
 Two weightings: maximum likelihood, each line by its measured variance; and the one of practice,
-V = sum (coherence/f) |ln G - ln G^|^2, which looks at anti-resonances as hard as at resonances.
+V = sum (coherence/f) |ln G - ln G^|^2, which weights anti-resonances as much as resonances.
 """
 
 from __future__ import annotations
@@ -13,20 +13,23 @@ import numpy as np
 
 from drivetool.drive import Drive
 from drivetool.errors import BadOption, Finding, NotEnoughData
-from drivetool.identify.estimate import Estimate, Exhibit, covariance_of, fit_percent, parameters_of
+from drivetool.identify.estimate import Estimate, PlotData, covariance_of, fit_percent, parameters_of
 from drivetool.identify.frequency.estimator import SpectraOptions, spectra
 from drivetool.identify.frequency.frf import Response
 from drivetool.identify.frequency.spectrum import Spectrum
 from drivetool.identify.problem import Normal, Point, Solution, solve
-from drivetool.identify.setup import HeldResponse, Options, Start
+from drivetool.identify.setup import HeldResponse, KnownStart, Options
 from drivetool.logs import Experiment
 
-UNEXPLAINED = 2.0  # chi-square per degree above which the model, not the noise, is what is left
-LEAST = 1e-6  # relative std of a line that noise-free data are given
-TOTAL = "total.viscous"
-NEAR = 11  # lines over which what a model leaves is smoothed, and may be alike
-ROUNDS = 4
-SILENT = ("idle_torque", "coulomb", "half_gap")  # what a linear response does not show
+# Chi-square per degree of freedom from which the residual is model error, not noise. A choice: without
+# model error it is near one.
+MAX_CHI_SQUARE = 2.0
+MIN_LINE_STD = 1e-6  # least relative std of a line: noise-free data would get infinite weights
+TOTAL_VISCOUS = "total.viscous"
+# Lines over which the residual is smoothed and may be correlated. A choice: model errors are broad
+CORRELATED_LINES = 11
+REWEIGHTING_ROUNDS = 4  # of reweighting. A choice: each needs one fit, and the weights settle
+NONLINEAR_SUFFIXES = ("idle_torque", "coulomb", "half_gap")  # parameters without effect on a linear response
 
 
 @dataclass(frozen=True)
@@ -92,7 +95,7 @@ def line_weights(r: Response, weighting: str) -> tuple[np.ndarray, bool]:
     if weighting == "coherence":
         return np.sqrt(r.coherence / r.frequency), True
     # The complex error has the variance; each of its two parts half of it.
-    floor = (LEAST * np.abs(r.g)) ** 2
+    floor = (MIN_LINE_STD * np.abs(r.g)) ** 2
     return np.sqrt(2.0 / np.maximum(np.where(np.isfinite(r.variance), r.variance, np.inf), floor)), False
 
 
@@ -108,24 +111,24 @@ def problem_of(drive: Drive, free: Sequence[str], output: str, step: float, r: R
 
 def fit_lines(drive: Drive, free: Sequence[str], output: str, step: float, r: Response, weighting: str,
               ) -> tuple[LineProblem, Solution]:
-    """The best values; always by logarithms first, which find their way from far."""
+    """The best values; always by logarithms first, which converge from far."""
     start = Point(np.array([float(drive.value(n)) for n in free]), ())
     problem = problem_of(drive, free, output, step, r, "coherence")
-    solution = solve(problem, start, most=200, relative=1e-10)
+    solution = solve(problem, start, max_iterations=200, relative=1e-10)
     if weighting == "coherence":
         return problem, solution
     problem = problem_of(drive, free, output, step, r, weighting)
-    return problem, solve(problem, solution.point, most=200, relative=1e-12)
+    return problem, solve(problem, solution.point, max_iterations=200, relative=1e-12)
 
 
-def with_leftovers(r: Response, g: np.ndarray) -> Response:
-    """The response with what a model leaves of it, smoothed over neighbours, as part of its variance.
+def with_residual_variance(r: Response, g: np.ndarray) -> Response:
+    """The response with the residual of a model, smoothed over neighbours, as part of its variance.
 
-    Friction makes distortion that repeats every period: the spread over periods does not see it, and lines
-    weighted by that spread alone would pull wherever the noise happens to be lowest.
+    Friction makes distortion that repeats every period, which the scatter over periods does not contain. Lines
+    weighted by that scatter alone would bias the fit to where the noise happens to be lowest.
     """
     relative = np.abs(r.g - g) ** 2 / np.abs(g) ** 2
-    half = min(NEAR // 2, (len(relative) - 1) // 2)
+    half = min(CORRELATED_LINES // 2, (len(relative) - 1) // 2)
     smooth = np.convolve(np.pad(relative, half, mode="edge"), np.full(2 * half + 1, 1.0 / (2 * half + 1)), "valid")
     return replace(r, total=smooth * np.abs(g) ** 2 + np.where(np.isfinite(r.noise), r.noise, 0.0))
 
@@ -133,7 +136,7 @@ def with_leftovers(r: Response, g: np.ndarray) -> Response:
 def noise_covariance(problem: LineProblem, solution: Solution, r: Response) -> np.ndarray:
     """(k, k) covariance of a fit, however weighted, from the variances of the lines."""
     _, j = problem.residual(solution.point.values)
-    error = np.maximum(np.where(np.isfinite(r.variance), r.variance, 0.0), (LEAST * np.abs(r.g)) ** 2)
+    error = np.maximum(np.where(np.isfinite(r.variance), r.variance, 0.0), (MIN_LINE_STD * np.abs(r.g)) ** 2)
     if problem.logarithm:
         error = error / np.abs(r.g) ** 2
     inner = ((j.conj() * (0.5 * error * problem.weight**2)[:, None]).T @ j).real
@@ -148,18 +151,18 @@ def _inverse(matrix: np.ndarray) -> np.ndarray:
 
 
 def sandwich(problem: LineProblem, solution: Solution) -> np.ndarray:
-    """(k, k) covariance from the residual itself, which may be alike on neighbouring lines.
+    """(k, k) covariance from the residual itself, which may be correlated on neighbouring lines.
 
     source  Newey and West 1987, along the frequency axis
     """
     r, j = problem.residual(solution.point.values)
     scores = (j.conj() * r[:, None]).real
     inner = scores.T @ scores
-    for lag in range(1, min(NEAR, len(r) - 1) + 1):
+    for lag in range(1, min(CORRELATED_LINES, len(r) - 1) + 1):
         part = scores[lag:].T @ scores[:-lag]
-        inner += (1.0 - lag / (NEAR + 1.0)) * (part + part.T)
+        inner += (1.0 - lag / (CORRELATED_LINES + 1.0)) * (part + part.T)
     inverse = _inverse(solution.normal.shared)
-    # Each residual stands for `shared` lines that say the same: their scores add up coherently.
+    # Each residual stands for `shared` lines with the same information: their scores add up coherently.
     return inverse @ inner @ inverse * problem.shared * problem.count / max(problem.count - problem.unknowns, 1)
 
 
@@ -167,8 +170,7 @@ def greybox_by_frequency(experiments: Sequence[Experiment], drive: Drive, free: 
                          ) -> Estimate:
     """Physical parameters from the frequency response of the records.
 
-    experiments  motor_torque and the motor's speed or angle; periodic excitation gives the variances
-                 exactly, Welch from coherence
+    experiments  motor_torque and the motor's speed or angle; exact variances need a periodic excitation
     drive        start values; gaps count as closed
     free         parameter names
     options      weighting: variance (maximum likelihood) or coherence; band
@@ -177,15 +179,15 @@ def greybox_by_frequency(experiments: Sequence[Experiment], drive: Drive, free: 
     source       bus driveline paper, the log criterion; Pintelon and Schoukens 2012, sec. 9.11, for
                  the maximum-likelihood one
     """
-    if options.start != Start():
-        raise BadOption("a criterion in time for --start", "frequency, which knows no start state",
+    if options.start != KnownStart():
+        raise BadOption("a criterion in time for --start", "frequency, which has no start state",
                         "Leave --start out, or take --criterion innovations.")
     if any(e.sha256 in drive.records.values() for e in experiments):
-        raise BadOption("a criterion in time for recordings that differ", "frequency, which takes them for one",
+        raise BadOption("a criterion in time for recordings that differ", "frequency, which averages them",
                         "Leave --record out, or take --criterion innovations.")
-    names = tuple(n for n in free if not n.endswith(SILENT))
+    names = tuple(n for n in free if not n.endswith(NONLINEAR_SUFFIXES))
     if not names:
-        raise BadOption("a free parameter that a linear response shows", "none", "Free an inertia or stiffness.")
+        raise BadOption("a free parameter of the linear response", "none", "Free an inertia or stiffness.")
     s = spectra(experiments, SpectraOptions(band=options.band))
     r, output = s.mean, "motor_speed"
     good = (r.coherence >= 0.5) & (np.abs(r.g) > 0.0)
@@ -197,19 +199,20 @@ def greybox_by_frequency(experiments: Sequence[Experiment], drive: Drive, free: 
     drive, names = _friction_in_parts(drive, names, output, experiments[0].step, r, options)
     problem, solution = fit_lines(drive, names, output, experiments[0].step, r, options.weighting)
     likely = problem_of(drive, names, output, experiments[0].step, r, "variance")
-    best = solve(likely, solution.point, most=200, relative=1e-12)
+    best = solve(likely, solution.point, max_iterations=200, relative=1e-12)
     chi = best.cost / max(likely.count - likely.unknowns, 1)
-    if chi >= UNEXPLAINED and options.weighting == "variance":
-        for _ in range(ROUNDS):
+    if chi >= MAX_CHI_SQUARE and options.weighting == "variance":
+        for _ in range(REWEIGHTING_ROUNDS):
             g, _ = problem.model.at(solution.point.values, False)
-            problem = problem_of(drive, names, output, experiments[0].step, with_leftovers(r, g), "variance")
-            solution = solve(problem, solution.point, most=200, relative=1e-12)
+            problem = problem_of(
+                drive, names, output, experiments[0].step, with_residual_variance(r, g), "variance")
+            solution = solve(problem, solution.point, max_iterations=200, relative=1e-12)
     after = replace(drive, values={**drive.values, **dict(zip(names, map(float, solution.point.values),
         strict=True))})
     extra = None
-    if chi >= UNEXPLAINED or options.weighting == "coherence":
+    if chi >= MAX_CHI_SQUARE or options.weighting == "coherence":
         plain = covariance_of(problem, solution)[0]
-        meat = sandwich(problem, solution) if chi >= UNEXPLAINED else noise_covariance(problem, solution, r)
+        meat = sandwich(problem, solution) if chi >= MAX_CHI_SQUARE else noise_covariance(problem, solution, r)
         extra = np.where(np.isfinite(plain), meat - plain, 0.0)
     lines, covariance, more = parameters_of(problem, solution, drive, after, extra)
     figures = {"chi_square_per_degree": float(chi), "lines": len(r.frequency),
@@ -217,11 +220,11 @@ def greybox_by_frequency(experiments: Sequence[Experiment], drive: Drive, free: 
     return Estimate(
         "greybox", after, lines,
         f"{'converged' if solution.converged else 'stopped'} after {solution.iterations} iterations on "
-        f"{len(r.frequency)} "
-        f"lines from {r.frequency[0]:.4g} to {r.frequency[-1]:.4g} Hz, weighted by {options.weighting}",
-        figures, covariance, {}, {"criterion": "frequency", "weighting": options.weighting,
-            "spectra": dict(s.settings)},
-        (*s.findings, *more, *_findings(chi, options)), tuple(e.source for e in experiments), {},
+        f"{len(r.frequency)} lines from {r.frequency[0]:.4g} to {r.frequency[-1]:.4g} Hz, weighted by "
+        f"{options.weighting}",
+        figures, covariance, {},
+        {"criterion": "frequency", "weighting": options.weighting, "spectra": dict(s.settings)},
+        (*s.findings, *more, *_residual_findings(chi, options)), tuple(e.source for e in experiments), {},
         (picture(problem, solution, s),))
 
 
@@ -229,19 +232,19 @@ def _friction_in_parts(drive: Drive, names: tuple[str, ...], output: str, step: 
                        options: Options) -> tuple[Drive, tuple[str, ...]]:
     """The drive with its friction sum replaced by the parts, where they explain the lines clearly better.
 
-    A sum shared out by inertia is a guess.
+    A sum split by inertia is a guess.
     """
-    if TOTAL not in names or TOTAL in options.free:
+    if TOTAL_VISCOUS not in names or TOTAL_VISCOUS in options.free:
         return drive, names
     _, solution = fit_lines(drive, names, output, step, r, "variance")
     found = dict(zip(names, map(float, solution.point.values), strict=True))
-    apart = replace(drive, values={n: found.get(n, v) for n, v in drive.values.items() if n != TOTAL})
-    parts = apart.parts(TOTAL, found[TOTAL])
-    apart = apart.with_values(parts)
-    more = tuple(n for n in drive.quantities if n in {*names, *parts} - {TOTAL})
-    problem, other = fit_lines(apart, more, output, step, r, "variance")
+    split_drive = replace(drive, values={n: found.get(n, v) for n, v in drive.values.items() if n != TOTAL_VISCOUS})
+    parts = split_drive.parts(TOTAL_VISCOUS, found[TOTAL_VISCOUS])
+    split_drive = split_drive.with_values(parts)
+    more = tuple(n for n in drive.quantities if n in {*names, *parts} - {TOTAL_VISCOUS})
+    problem, other = fit_lines(split_drive, more, output, step, r, "variance")
     better = solution.cost - other.cost > 10.0 * max(1.0, other.cost / problem.count)
-    return (apart, more) if better else (drive, names)
+    return (split_drive, more) if better else (drive, names)
 
 
 def _log_fit(problem: LineProblem, solution: Solution) -> float:
@@ -250,25 +253,25 @@ def _log_fit(problem: LineProblem, solution: Solution) -> float:
     return fit_percent(np.log(np.abs(problem.measured)), np.log(np.abs(g)))
 
 
-def _findings(chi: float, options: Options) -> list[Finding]:
-    if chi < UNEXPLAINED:
+def _residual_findings(chi: float, options: Options) -> list[Finding]:
+    if chi < MAX_CHI_SQUARE:
         return []
     return [Finding(
-        "warning", "response-not-explained", f"What the model leaves of the response is {np.sqrt(chi):.2g} times "
+        "warning", "response-not-explained", f"The residual of the response is {np.sqrt(chi):.2g} times "
             "the "
-        "measured noise: distortion, leakage or a missing body. Lines are weighted, and the intervals made, by "
-        "what is "
-        "left; they hold only as far as that is irregular.", {"chi_square_per_degree": float(chi)},
+        "measured noise: distortion, leakage or a missing body. Line weights and intervals follow from the "
+        "residual; "
+        "they hold only as far as it is irregular.", {"chi_square_per_degree": float(chi)},
         "Look at the picture of the response; try one body more, or several runs with other phases.")]
 
 
-def picture(problem: LineProblem, solution: Solution, s: Spectrum) -> Exhibit:
+def picture(problem: LineProblem, solution: Solution, s: Spectrum) -> PlotData:
     """Measured lines and the model through them."""
     f = problem.model.frequency
     dense = np.geomspace(f[0], f[-1], 600)
     g, _ = replace(problem.model, frequency=dense).at(solution.point.values, False)
     measured, _ = problem.model.at(solution.point.values, False)
-    return Exhibit("response", "Measured response and the drive fitted to it", "frequency [Hz]",
+    return PlotData("response", "Measured response and the drive fitted to it", "frequency [Hz]",
                    f"magnitude [{s.unit}]", {
                        "measured": (f, np.abs(problem.measured)), "model": (dense, np.abs(g)),
                        "phase measured": (f, np.degrees(np.angle(problem.measured))),

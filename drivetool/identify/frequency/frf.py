@@ -18,8 +18,10 @@ from drivetool.errors import BadOption, NotEnoughData
 
 Estimator = Literal["h1", "h2", "h3", "hv", "indirect"]
 ESTIMATORS: tuple[Estimator, ...] = ("h1", "h2", "h3", "hv", "indirect")
-FRAMES = 2.0  # the coherence of a single frame is one, whatever the data
-EXCITED = 1e-4  # of the largest input amplitude: below it a line was not excited
+# Independent frames at least: the coherence of a single frame is one, whatever the data
+MIN_INDEPENDENT_FRAMES = 2.0
+# Of the largest input amplitude, 80 dB: below it a line is leakage of the window, not excited
+MIN_EXCITED_AMPLITUDE = 1e-4
 
 
 @dataclass(frozen=True)
@@ -28,8 +30,8 @@ class Response:
 
     frequency  (n,) Hz, rising, excited lines only
     g          (n,) complex, output over input
-    noise      (n,) E|error of g|^2 that noise makes; NaN where it cannot be told
-    total      (n,) the same with nonlinear distortion, where runs with other phases show it
+    noise      (n,) E|error of g|^2 by noise; NaN where it is not identifiable
+    total      (n,) the same with nonlinear distortion, where runs with other phases identify it
     coherence  (n,) 0..1; for a periodic excitation that of the averaged periods
     bins       spectral lines that share their information (1.5 for a Hann window, 1 for periods)
     averages   independent frames or periods behind each value
@@ -53,7 +55,7 @@ class Response:
 
     @property
     def variance(self) -> np.ndarray:
-        """(n,) the larger of both variances: what an honest weighting uses."""
+        """(n,) the larger of both variances, for weights that include distortion."""
         return np.where(np.isfinite(self.total), np.fmax(self.total, self.noise), self.noise)
 
 
@@ -132,12 +134,12 @@ def pooled(stretches: Sequence[np.ndarray], step: float, welch: Welch) -> Spectr
         count = welch.frames(len(x))
         if not count:
             continue
-        lines = _framed(x, welch)
+        lines = _frame_spectra(x, welch)
         total = total + np.einsum("fin,fjn->nij", lines.conj(), lines)
         frames, averages = frames + count, averages + welch.independent(len(x))
-    if averages < FRAMES:
+    if averages < MIN_INDEPENDENT_FRAMES:
         raise NotEnoughData(
-            f"at least {FRAMES:g} independent frames of {welch.length * step:g} s",
+            f"at least {MIN_INDEPENDENT_FRAMES:g} independent frames of {welch.length * step:g} s",
             f"{averages:.2g} in stretches of {', '.join(f'{len(x) * step:g} s' for x in stretches)}",
             "Record longer, or shorten the frames with --length.")
     w = get_window(welch.window, welch.length)
@@ -148,7 +150,7 @@ def pooled(stretches: Sequence[np.ndarray], step: float, welch: Welch) -> Spectr
     return Spectra(np.fft.rfftfreq(welch.length, step), density, averages)
 
 
-def _framed(x: np.ndarray, welch: Welch) -> np.ndarray:
+def _frame_spectra(x: np.ndarray, welch: Welch) -> np.ndarray:
     """(frames, m, lines) spectra of windowed frames without their mean and slope."""
     frames = np.lib.stride_tricks.sliding_window_view(x, welch.length, axis=0)[:: welch.shift]
     t = np.linspace(-1.0, 1.0, welch.length)
@@ -174,15 +176,15 @@ def welch_response(stretches: Sequence[np.ndarray], step: float, welch: Welch,
     s = pooled(stretches, step, welch)
     p = s.matrix
     puu, pyy, puy = p[:, 0, 0].real, p[:, 1, 1].real, p[:, 0, 1]
-    # The lowest lines hold what a window smears from standstill and drift.
+    # The lowest lines contain the window's leakage from offset and drift.
     lowest = int(np.ceil(welch.bins))
-    keep = (np.arange(len(puu)) >= lowest) & (puu > EXCITED**2 * puu[lowest:].max(initial=0.0))
+    keep = (np.arange(len(puu)) >= lowest) & (puu > MIN_EXCITED_AMPLITUDE**2 * puu[lowest:].max(initial=0.0))
     keep &= np.abs(puy) > 0.0
     if estimator == "indirect":
         prr = p[:, 2, 2].real
-        keep &= prr > EXCITED**2 * prr[lowest:].max(initial=0.0)
+        keep &= prr > MIN_EXCITED_AMPLITUDE**2 * prr[lowest:].max(initial=0.0)
     if not keep.any():
-        raise NotEnoughData("spectral lines that the torque excites and the sensor answers", "none",
+        raise NotEnoughData("spectral lines that the torque excites and the sensor measures", "none",
                             "Look at both channels with inspect; record while they change.")
     puu, pyy, puy, p, f = puu[keep], pyy[keep], puy[keep], p[keep], s.frequency[keep]
     coherence = np.clip(np.abs(puy) ** 2 / (puu * pyy), 0.0, 1.0)
@@ -192,9 +194,9 @@ def welch_response(stretches: Sequence[np.ndarray], step: float, welch: Welch,
     if g is None:
         pru, pry, prr = p[:, 2, 0], p[:, 2, 1], p[:, 2, 2].real
         g = pry / pru
-        # What the output does beyond g times the input, in proportion to the reference's part of the input.
-        left = pyy - 2.0 * (np.conj(g) * puy).real + np.abs(g) ** 2 * puu
-        noise = np.maximum(left, 0.0) * prr / np.abs(pru) ** 2 / s.averages
+        # The output minus g times the input, in proportion to the reference's part of the input.
+        residual = pyy - 2.0 * (np.conj(g) * puy).real + np.abs(g) ** 2 * puu
+        noise = np.maximum(residual, 0.0) * prr / np.abs(pru) ** 2 / s.averages
         coherence = np.clip(np.abs(pry) ** 2 / (prr * pyy), 0.0, 1.0)
     else:
         noise = np.abs(g) ** 2 * (1.0 - coherence) / np.maximum(coherence, 1e-12) / s.averages

@@ -1,4 +1,4 @@
-"""Frequency responses from a periodic excitation: noise apart from distortion, line by line.
+"""Frequency responses from a periodic excitation: noise and distortion separately, line by line.
 
 Averaged over whole periods there is no leakage and no window. What changes from period to period is
 noise; what repeats but changes with the phases of the excitation is nonlinear distortion; and with an
@@ -15,12 +15,16 @@ import numpy as np
 from drivetool.errors import NotEnoughData
 from drivetool.identify.frequency.frf import Response
 
-PERIODIC = 0.9  # correlation with itself one period later that is taken for periodic
-STEP_DOWN = 3.0  # ratio of neighbouring amplitudes, sorted, that parts excited lines from leftovers
-STEADY = 45  # values behind a variance, of periods times neighbouring lines: weights must not be a lottery
-MOST_WIDE = 2  # lines to either side that they may be taken from
-PASSES = 2  # of taking slow changes off
-SURE = 9.0  # power over that of the noise above which a level is said to be there
+# Correlation with itself one period later from which a signal is periodic. A choice: 10 % of noise
+MIN_PERIODIC_CORRELATION = 0.9
+# Ratio of neighbouring amplitudes, sorted, that separates excited lines from residual ones. A choice: 10 dB.
+MIN_AMPLITUDE_RATIO = 3.0
+# Values of a variance, periods times neighbouring lines: it then scatters by 15 %, 1 / sqrt(45)
+VARIANCE_VALUES = 45
+MAX_NEIGHBOUR_LINES = 2  # lines to either side for that. A choice: a resonance must not be smoothed away
+DRIFT_PASSES = 2  # of removing drift: the second removes what the ends of the first leave
+# Power over that of the noise from which a level is significant: 3 standard deviations squared
+LEVEL_SIGNIFICANCE = 9.0
 
 
 @dataclass(frozen=True)
@@ -62,8 +66,8 @@ class Distortion:
 
     @property
     def seen(self) -> bool:
-        """Whether the level stands out of the noise."""
-        return self.level**2 > SURE * self.noise**2 * (1.0 / max(self.lines, 1) ** 0.5 + 0.2)
+        """Whether the level is significant over the noise."""
+        return self.level**2 > LEVEL_SIGNIFICANCE * self.noise**2 * (1.0 / max(self.lines, 1) ** 0.5 + 0.2)
 
     @property
     def below_signal_db(self) -> float | None:
@@ -72,32 +76,33 @@ class Distortion:
         return float(10.0 * np.log10(self.signal**2 / square)) if square > 0.0 and self.signal > 0.0 else None
 
 
-def period_of(x: np.ndarray, most: int | None = None) -> int | None:
+def period_of(x: np.ndarray, max_period: int | None = None) -> int | None:
     """Samples after which a signal repeats itself; None if it does not.
 
-    x     (n,) excitation
-    most  longest period that counts; None: half the record
+    x           (n,) excitation
+    max_period  longest period that counts; None: half the record
     """
     x = x - x.mean()
-    n, most = len(x), most or len(x) // 2
+    n, max_period = len(x), max_period or len(x) // 2
     power = float(x @ x)
-    if power == 0.0 or most < 4:
+    if power == 0.0 or max_period < 4:
         return None
     padded = np.fft.rfft(x, 2 * n)
-    raw = np.fft.irfft(np.abs(padded) ** 2)[: most + 1]
+    raw = np.fft.irfft(np.abs(padded) ** 2)[: max_period + 1]
     squares = np.concatenate(([0.0], np.cumsum(x**2)))
-    lags = np.arange(most + 1)
+    lags = np.arange(max_period + 1)
     both = np.sqrt(np.maximum(squares[n - lags] * (squares[n] - squares[lags]), 1e-300))
     r = raw / both
     below = np.flatnonzero(r < 0.5)
     if not below.size:
         return None
     peaks = np.flatnonzero((r[1:-1] >= r[:-2]) & (r[1:-1] >= r[2:])) + 1
-    peaks = np.concatenate([peaks[peaks > below[0]], [most] if r[most] > r[most - 1] else []]).astype(int)
-    if not peaks.size or r[peaks].max() < PERIODIC:
+    peaks = np.concatenate([
+        peaks[peaks > below[0]], [max_period] if r[max_period] > r[max_period - 1] else []]).astype(int)
+    if not peaks.size or r[peaks].max() < MIN_PERIODIC_CORRELATION:
         return None
     best = r[peaks].max()
-    return int(peaks[np.flatnonzero(r[peaks] >= best - 0.02 * (1.0 - PERIODIC) - 1e-6)[0]])
+    return int(peaks[np.flatnonzero(r[peaks] >= best - 0.02 * (1.0 - MIN_PERIODIC_CORRELATION) - 1e-6)[0]])
 
 
 def lines_of(stretch: np.ndarray, step: float, size: int, skip: int, excited: np.ndarray | None = None,
@@ -115,7 +120,7 @@ def lines_of(stretch: np.ndarray, step: float, size: int, skip: int, excited: np
             f"two periods of {size * step:g} s after {skip} for the transient",
             f"{len(stretch) * step:g} s", "Record more periods, or do without --method periodic.")
     x = stretch[len(stretch) - count * size:]  # the last ones: furthest from the transient
-    for _ in range(PASSES):
+    for _ in range(DRIFT_PASSES):
         x = x - _drift(x, size)
     slope = (x[-size:].mean(axis=0) - x[:size].mean(axis=0)) / ((count - 1) * size)
     x = x - x.mean(axis=0) - slope * (np.arange(len(x)) - 0.5 * len(x))[:, None]
@@ -124,17 +129,17 @@ def lines_of(stretch: np.ndarray, step: float, size: int, skip: int, excited: np
     r = spectra[..., 2] if x.shape[1] > 2 else None
     if excited is None:
         excited = excited_lines(u if r is None else r)
-    # Where either has nothing at all, as a sensor at rest, there is no ratio of spread and mean.
+    # Where either is zero, as of a sensor at rest, there is no ratio of scatter and mean.
     there = (np.abs(u.mean(axis=0)) ** 2 > 0.0) & (np.abs(y.mean(axis=0)) ** 2 > 0.0)
     return Lines(u, y, r, step, size, excited & there)
 
 
 def _drift(x: np.ndarray, size: int) -> np.ndarray:
-    """What changes slowly in the signals: their mean over a period around each sample.
+    """The drift of the signals: their mean over a period around each sample.
 
-    A free drive drifts, and a transient of its slow pole outlasts any record; the mean over a whole period
-    has zeros at all lines of the excitation, so that what repeats is not touched. Over the half periods
-    at both ends it goes on as the parabola through the period beside them.
+    A free drive drifts, and a transient of its slow pole outlasts any record. The mean over a whole period has
+    zeros at all lines of the excitation, so that the periodic part is unchanged. Over the half periods at both ends
+    the parabola through the adjacent period continues it.
     """
     total = np.concatenate([np.zeros((1, x.shape[1])), np.cumsum(x, axis=0)])
     mean = (total[size:] - total[:-size]) / size  # over x[i: i + size], centred at i + (size - 1)/2
@@ -164,37 +169,37 @@ def excited_lines(x: np.ndarray) -> np.ndarray:
         return sure
     ratio = falling[:-1] / falling[1:]
     cut = int(np.argmax(ratio))
-    return sure & (mean >= falling[cut]) if ratio[cut] > STEP_DOWN else sure
+    return sure & (mean >= falling[cut]) if ratio[cut] > MIN_AMPLITUDE_RATIO else sure
 
 
 def periodic_response(runs: Sequence[Lines]) -> Response:
     """The best linear approximation at the excited lines.
 
     runs     of the same period; several with other phases show the nonlinear distortion
-    returns  Response; noise: from the spread over the periods; total: from that over the runs, NaN for
+    returns  Response; noise: from the scatter over the periods; total: from that over the runs, NaN for
              one run
     source   Pintelon and Schoukens 2012, sec. 2.5 and 4.3: errors in variables, robust method
     """
     excited = np.logical_and.reduce([r.excited for r in runs])
     if not excited.any():
-        raise NotEnoughData("spectral lines that every run excites and the sensor answers", "none",
-                            "Look at both channels with inspect; give the runs apart, or name the period with "
+        raise NotEnoughData("spectral lines that every run excites and the sensor measures", "none",
+                            "Look at both channels with inspect; give the runs separately, or name the period with "
                             "--period.")
-    g, noise, signal, spread = [], [], 0.0, 0.0
+    g, noise, signal, scatter = [], [], 0.0, 0.0
     for run in runs:
-        ratio, variance, floor = _of_run(run, excited)
+        ratio, variance, floor = _response_of_run(run, excited)
         g.append(ratio)
         noise.append(variance)
-        signal, spread = signal + np.abs(run.y[:, excited].mean(axis=0)) ** 2, spread + floor
+        signal, scatter = signal + np.abs(run.y[:, excited].mean(axis=0)) ** 2, scatter + floor
     m = len(runs)
     g, mean = np.array(g), np.mean(g, axis=0)
     noise = np.mean(noise, axis=0) / m
     total = np.sum(np.abs(g - mean) ** 2, axis=0) / (m - 1) / m if m > 1 else np.full(excited.sum(), np.nan)
-    return Response(runs[0].frequency[excited], mean, noise, total, signal / (signal + spread), 1.0,
+    return Response(runs[0].frequency[excited], mean, noise, total, signal / (signal + scatter), 1.0,
                     float(sum(len(r.u) for r in runs)), "periodic")
 
 
-def _of_run(run: Lines, excited: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+def _response_of_run(run: Lines, excited: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """(ratio of the means, its variance, variance of the output's mean) of one run."""
     u, y, p = run.u[:, excited], run.y[:, excited], len(run.u)
     um, ym = u.mean(axis=0), y.mean(axis=0)
@@ -203,15 +208,16 @@ def _of_run(run: Lines, excited: np.ndarray) -> tuple[np.ndarray, np.ndarray, np
     suu, syy = np.sum(np.abs(du) ** 2, axis=0) / scale, np.sum(np.abs(dy) ** 2, axis=0) / scale
     syu = np.sum(dy * np.conj(du), axis=0) / scale
     g = ym / um
-    suu, syy, syu = (_smooth(a, 2 * int(np.ceil(0.5 * (STEADY / p - 1.0))) + 1) for a in (suu, syy, syu))
-    # Noise that feeds back to the input is in both: the covariance takes it out again.
+    suu, syy, syu = (_smoothed_lines(a, 2 * int(np.ceil(0.5 * (VARIANCE_VALUES / p - 1.0))) + 1)
+                     for a in (suu, syy, syu))
+    # Noise in the feedback is in input and output: the covariance removes it.
     relative = syy / np.abs(ym) ** 2 + suu / np.abs(um) ** 2 - 2.0 * (syu / (ym * np.conj(um))).real
     return g, np.abs(g) ** 2 * np.maximum(relative, 0.0), syy
 
 
-def _smooth(x: np.ndarray, width: int) -> np.ndarray:
-    """Mean over an odd number of neighbouring lines; the ends as they are extended."""
-    half = max(min(width // 2, MOST_WIDE, (len(x) - 1) // 2), 0)
+def _smoothed_lines(x: np.ndarray, width: int) -> np.ndarray:
+    """Mean over an odd number of neighbouring lines, with the ends repeated."""
+    half = max(min(width // 2, MAX_NEIGHBOUR_LINES, (len(x) - 1) // 2), 0)
     return np.convolve(np.pad(x, half, mode="edge"), np.full(2 * half + 1, 1.0 / (2 * half + 1)), "valid")
 
 
@@ -219,8 +225,8 @@ def distortions(runs: Sequence[Lines]) -> tuple[Distortion, ...]:
     """Even and odd distortion on the lines inside the excited band that carry no excitation.
 
     Nothing for a kind without such lines: a full multisine hides its distortion.
-    What the input itself has on those lines (feedback, a weak actuator) is taken out with the response
-    of the neighbours.
+    The effect of the input on those lines (feedback, a weak actuator) is removed with the response of the
+    neighbours.
     source  Pintelon and Schoukens 2012, sec. 4.3.2.2 (fast method)
     """
     found = []
@@ -232,7 +238,7 @@ def distortions(runs: Sequence[Lines]) -> tuple[Distortion, ...]:
             inside = (line > line[on[0]]) & (line < line[on[-1]]) & ~run.excited & (line % 2 == parity)
             if not inside.any():
                 continue
-            g, _, _ = _of_run(run, run.excited)
+            g, _, _ = _response_of_run(run, run.excited)
             near = np.interp(line, line[on], g.real) + 1j * np.interp(line, line[on], g.imag)
             rest = run.y - near * run.u
             mean = rest.mean(axis=0)

@@ -1,4 +1,4 @@
-"""What a measured frequency response shows, and what stands against believing it."""
+"""Peaks of a measured frequency response, and findings on its validity."""
 
 from __future__ import annotations
 
@@ -8,14 +8,16 @@ import numpy as np
 from scipy.signal import find_peaks
 
 from drivetool.errors import Finding
-from drivetool.identify.estimate import Exhibit
+from drivetool.identify.estimate import PlotData
 from drivetool.identify.frequency.frf import Response
 from drivetool.identify.frequency.spectrum import Spectrum
 
-POOR = 0.5  # coherence below which a line says little
-LOUD = -40.0  # dB of distortion below the signal from which it is a warning
-MOST = 12  # peaks listed
-PROMINENT = np.log(10.0 ** (3.0 / 20.0))  # 3 dB
+# Coherence below which a line is unreliable: more than half of its output power is not linear response.
+MIN_COHERENCE = 0.5
+# DB of distortion relative to the signal from which it is a warning. A choice: 1 % of the amplitude
+MAX_DISTORTION_DB = -40.0
+MAX_LISTED_PEAKS = 12  # peaks listed. A choice: more than the modes of a drive, few enough for a table
+MIN_PEAK_PROMINENCE = np.log(10.0 ** (3.0 / 20.0))  # 3 dB, the usual half-power limit of a resonance
 
 
 def peaks_of(r: Response) -> tuple[Mapping[str, object], ...]:
@@ -24,61 +26,66 @@ def peaks_of(r: Response) -> tuple[Mapping[str, object], ...]:
     returns  kind, hz (of the line), magnitude, and resolution_hz, the distance of the lines
     """
     level = np.log(np.maximum(np.abs(r.g), 1e-300))
-    spread = np.sqrt(np.maximum(r.variance, 0.0) / 2.0) / np.maximum(np.abs(r.g), 1e-300)
+    stds = np.sqrt(np.maximum(r.variance, 0.0) / 2.0) / np.maximum(np.abs(r.g), 1e-300)
     found = []
     for kind, sign in (("resonance", 1.0), ("anti-resonance", -1.0)):
         for i, size in zip(*(lambda p: (p[0], p[1]["prominences"]))(
-                find_peaks(sign * level, prominence=PROMINENT)), strict=True):
-            doubt = spread[i] if np.isfinite(spread[i]) else 0.0
-            if size < 4.0 * doubt or r.coherence[max(0, i - 1): i + 2].min() < POOR:
+                find_peaks(sign * level, prominence=MIN_PEAK_PROMINENCE)), strict=True):
+            std = stds[i] if np.isfinite(stds[i]) else 0.0
+            if size < 4.0 * std or r.coherence[max(0, i - 1): i + 2].min() < MIN_COHERENCE:
                 continue
             gap = float(r.frequency[i + 1] - r.frequency[i - 1]) / 2.0
             found.append({"kind": kind, "hz": float(r.frequency[i]), "magnitude": float(np.abs(r.g[i])),
                           "resolution_hz": gap, "prominence_db": float(20.0 * size / np.log(10.0))})
-    strongest = sorted(found, key=lambda p: -p["prominence_db"])[:MOST]
+    strongest = sorted(found, key=lambda p: -p["prominence_db"])[:MAX_LISTED_PEAKS]
     return tuple(sorted(strongest, key=lambda p: p["hz"]))
 
 
 def findings_of(s: Spectrum, reference: bool) -> tuple[Finding, ...]:
     """In the order of their weight."""
-    return (*_coherence(s), *_loop(s, reference), *_distortion(s), *_empty(s))
+    return (*_coherence_findings(s), *_closed_loop_findings(s, reference), *_distortion_findings(s),
+            *_empty_line_findings(s))
 
 
-def _coherence(s: Spectrum) -> list[Finding]:
-    poor = float(np.mean(s.mean.coherence < POOR))
+def _coherence_findings(s: Spectrum) -> list[Finding]:
+    poor = float(np.mean(s.mean.coherence < MIN_COHERENCE))
     evidence = {"share_of_lines": poor, "largest_coherence": float(s.mean.coherence.max())}
     if poor == 1.0:
         return [Finding(
-            "failure", "incoherent", f"The coherence of {s.input} and {s.output} is below {POOR} at every line: "
-            "the response shown is not one.", evidence,
+            "failure", "low-coherence",
+            f"The coherence of {s.input} and {s.output} is below {MIN_COHERENCE} at every line: "
+            "the response is not valid.", evidence,
             "Check the channels and their clocks, excite more, or record longer.")]
     if poor > 0.1:
-        good = s.mean.frequency[s.mean.coherence >= POOR]
+        good = s.mean.frequency[s.mean.coherence >= MIN_COHERENCE]
         return [Finding(
-            "warning", "low-coherence", f"The coherence is below {POOR} at {100 * poor:.0f} % of the lines; "
+            "warning", "low-coherence",
+            f"The coherence is below {MIN_COHERENCE} at {100 * poor:.0f} % of the lines; "
             f"those above lie between {good[0]:.4g} and {good[-1]:.4g} Hz.", evidence,
             "Read only the lines above; excite the others more, or lengthen the frames for sharp resonances.")]
     return []
 
 
-def _loop(s: Spectrum, reference: bool) -> list[Finding]:
-    if not s.feedback.there or reference or s.mean.method == "periodic":
+def _closed_loop_findings(s: Spectrum, reference: bool) -> list[Finding]:
+    if not s.feedback.significant or reference or s.mean.method == "periodic":
         return []
     return [Finding(
-        "warning", "closed-loop", f"The torque answers the sensor: {100 * s.feedback.share:.2g} % of what its own "
-        f"past does not foretell comes from {s.output}. Noise that is fed back pulls {s.mean.method} towards the "
-        "negative inverse of the controller.", {"share": s.feedback.share, "p": s.feedback.p},
+        "warning", "torque-in-feedback",
+        f"The torque depends on the sensor: {100 * s.feedback.share:.2g} % of what its "
+        f"own past does not predict comes from {s.output}. Noise in the feedback biases {s.mean.method} towards "
+        "the negative inverse of the controller.", {"share": s.feedback.share, "p": s.feedback.p},
         "Log the reference (reference_speed, reference_angle or reference_torque) for the indirect estimate, or "
         "excite with a periodic multisine.")]
 
 
-def _distortion(s: Spectrum) -> list[Finding]:
+def _distortion_findings(s: Spectrum) -> list[Finding]:
     found = []
     if s.mean.method == "periodic" and not s.distortion and len(s.runs) < 2:
         found.append(Finding(
-            "note", "distortion-hidden", "The excitation fills every line of its band: what repeats every period "
-                "is "
-            "taken for the response, nonlinear distortion too.", {"lines": len(s.mean.frequency)},
+            "note", "distortion-not-separable",
+            "The excitation fills every line of its band: the response includes "
+                "all "
+            "nonlinear distortion that repeats every period.", {"lines": len(s.mean.frequency)},
             "Excite odd lines only, some of them left out, or record several runs with other phases."))
     for d in s.distortion:
         if not d.seen or d.below_signal_db is None:
@@ -86,7 +93,7 @@ def _distortion(s: Spectrum) -> list[Finding]:
         what = ("friction that depends on the direction, or a gap on one side" if d.kind == "even"
                 else "Coulomb friction, or backlash")
         found.append(Finding(
-            "warning" if -d.below_signal_db > LOUD else "note", f"{d.kind}-distortion",
+            "warning" if -d.below_signal_db > MAX_DISTORTION_DB else "note", "nonlinear-distortion",
             f"On {d.lines} empty {d.kind} lines the output is {d.below_signal_db:.0f} dB below the excited ones, "
             f"noise {20 * np.log10(d.signal / max(d.noise, 1e-300)):.0f} dB: {d.kind} nonlinear distortion.",
             {"level": d.level, "noise": d.noise, "signal": d.signal, "lines": d.lines},
@@ -97,25 +104,25 @@ def _distortion(s: Spectrum) -> list[Finding]:
         1e-300)) > 4:
         ratio = float(np.median(total[known] / np.maximum(noise[known], 1e-300)))
         found.append(Finding(
-            "note", "distortion-over-runs", f"Over the runs the response varies {np.sqrt(ratio):.1f} times more "
+            "note", "nonlinear-distortion", f"Over the runs the response varies {np.sqrt(ratio):.1f} times more "
                 "than "
-            "noise makes it: the drive is not linear, or not the same each time.", {"variance_ratio": ratio},
+            "noise explains: the drive is not linear, or changes between runs.", {"variance_ratio": ratio},
             "Weigh with the total variance; compare amplitudes."))
     return found
 
 
-def _empty(s: Spectrum) -> list[Finding]:
+def _empty_line_findings(s: Spectrum) -> list[Finding]:
     step = np.diff(s.mean.frequency)
     if not len(step) or step.max() < 1.5 * step.min():
         return []
     return [Finding(
-        "note", "empty-lines", f"Between {s.mean.frequency[0]:.4g} and {s.mean.frequency[-1]:.4g} Hz the "
+        "note", "excitation-gaps", f"Between {s.mean.frequency[0]:.4g} and {s.mean.frequency[-1]:.4g} Hz the "
             "excitation "
-        f"leaves lines empty, up to {step.max():.3g} Hz wide; nothing is said there.",
+        f"leaves lines empty, up to {step.max():.3g} Hz wide; there is no estimate there.",
         {"largest_gap_hz": float(step.max()), "resolution_hz": float(step.min())})]
 
 
-def pictures(s: Spectrum) -> tuple[Exhibit, ...]:
+def pictures(s: Spectrum) -> tuple[PlotData, ...]:
     """Magnitude with band, phase, coherence."""
     m, curves = s.mean, {}
     std = np.sqrt(np.maximum(m.variance, 0.0) / 2.0)
@@ -130,4 +137,4 @@ def pictures(s: Spectrum) -> tuple[Exhibit, ...]:
     curves["phase"] = (m.frequency, np.degrees(np.angle(m.g)))
     curves["coherence"] = (m.frequency, m.coherence)
     title = f"{s.output.replace('_', ' ')} over {s.input.replace('_', ' ')}: {s.outcome}"
-    return (Exhibit("response", title, "frequency [Hz]", f"magnitude [{s.unit}]", curves),)
+    return (PlotData("response", title, "frequency [Hz]", f"magnitude [{s.unit}]", curves),)

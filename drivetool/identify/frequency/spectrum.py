@@ -1,4 +1,4 @@
-"""What the step `spectra` returns: a frequency response with its spread, distortion, peaks and findings."""
+"""What the step `spectra` returns: a frequency response with its scatter, distortion, peaks and findings."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ import numpy as np
 
 from drivetool.errors import Finding
 from drivetool.identify.channels import Feedback
-from drivetool.identify.estimate import Exhibit
+from drivetool.identify.estimate import PlotData
 from drivetool.identify.frequency.frf import Response
 from drivetool.identify.frequency.periodic import Distortion
 from drivetool.logs import Source
@@ -23,7 +23,7 @@ class Spectrum:
     mean      all runs together; runs: one response per run, on its own lines
     spread    (n,) std over the runs of |g - mean| at the lines of mean; None for one run
     distortion  levels on empty lines; feedback: from sensor to torque
-    settings  what was used, as plain numbers; peaks: resonances and anti-resonances seen
+    settings  in use, as plain numbers; peaks: resonances and anti-resonances found
     """
 
     input: str
@@ -38,7 +38,7 @@ class Spectrum:
     peaks: tuple[Mapping[str, object], ...]
     findings: tuple[Finding, ...]
     data: tuple[Source, ...]
-    exhibits: tuple[Exhibit, ...] = ()
+    exhibits: tuple[PlotData, ...] = ()
     options: Mapping[str, object] = field(default_factory=dict)
 
     @property

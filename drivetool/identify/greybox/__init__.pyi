@@ -1,8 +1,8 @@
 from .clamped import check_clamped as check_clamped
 from .estimator import (
     ALL as ALL,
-    chosen as chosen,
     default_free as default_free,
-    expanded as expanded,
+    free_parameters as free_parameters,
     greybox as greybox,
+    with_all_expanded as with_all_expanded,
 )

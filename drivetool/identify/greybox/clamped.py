@@ -1,4 +1,4 @@
-"""Recordings with a body clamped: what contradicts the clamp, and the first values that such a recording gives."""
+"""Recordings with a body clamped: tests of the clamp, and start values from such recordings."""
 
 from __future__ import annotations
 
@@ -8,45 +8,47 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.signal import lfilter
 
-from drivetool.drive import AT, Drive
+from drivetool.drive import RECORD_MARK, Drive
 from drivetool.errors import BadRecording
 from drivetool.identify.plateaus import rough_inertia, speed_of
 from drivetool.identify.setup import as_recorded, white_std
 from drivetool.logs import Experiment
 
-# A drive that swings against a clamp turns to and fro: its mean speed is what its angle changed by over the record.
-# Of one that turns freely the mean is near the rms. Halfway lies a drive that swings as much as it turns.
-TURNS = 0.5
-# Speed of a clamped body over that of the motor: a brake or fixture that gives way by a twentieth is none.
-GIVES_WAY = 0.05
-MOVES = 3.0  # times the white noise of its sensor, by which a clamped motor swings: hum and drift are less
-DAMPING_RATIOS = (0.01, 0.03, 0.1, 0.3, 0.7)  # that are tried: a factor of about three apart, up to aperiodic
-PER_OCTAVE = 12  # frequencies that are tried: closer than the half width of a resonance damped by 0.03
-LEAST_SWINGS = 2.0  # within a recording, below which a resonance does not show
-SAMPLES = 10.0  # in one swing, above which it does
+# Mean speed over rms. A drive that swings against a clamp has a mean near zero, one that turns freely a mean near
+# the rms; halfway lies a drive that swings as much as it turns.
+MAX_MEAN_OVER_RMS = 0.5
+# Speed of a clamped body over that of the motor. A choice: a fixture that yields by a twentieth is no clamp.
+MAX_CLAMP_MOTION = 0.05
+# Times the white noise of its sensor from which a clamped motor swings: mains hum and drift are less.
+MAX_CLAMPED_NOISE_RATIO = 3.0
+DAMPING_RATIOS = (0.01, 0.03, 0.1, 0.3, 0.7)  # of the grid: spaced by a factor of about three, up to aperiodic
+FREQUENCIES_PER_OCTAVE = 12  # frequencies of the grid: closer than the half width of a resonance damped by 0.03
+MIN_PERIODS = 2.0  # periods in a recording. A choice: with fewer a resonance is not distinguishable from drift
+MIN_SAMPLES_PER_PERIOD = 10.0  # in one period at least. A choice: with fewer the held torque distorts the response
 
 
 def check_clamped(experiment: Experiment, drive: Drive, body: str) -> None:
-    """Raise BadRecording where a body that is said to be clamped turns, or what is joined to it does."""
-    do = "Correct --record, or clamp it and record again: torque to and fro about a constant one, for some seconds."
+    """Raise BadRecording where a body that is stated as clamped turns, or the bodies joined to it do."""
+    advice = ("Correct --record, or clamp it and record again: "
+              "torque to and fro about a constant one, for some seconds.")
     unit, place = f"{experiment.motion_unit}/s", drive.bodies.index(body)
-    motor, own = _speed(experiment, drive, 0), _speed(experiment, drive, place)
+    motor, own = _speed_of_body(experiment, drive, 0), _speed_of_body(experiment, drive, place)
     if motor is None:
         return
     if place == 0:
-        if float(np.nanstd(motor)) > MOVES * white_std([motor]):
+        if float(np.nanstd(motor)) > MAX_CLAMPED_NOISE_RATIO * white_std([motor]):
             raise BadRecording(f"{body} at standstill in {experiment.name}, where it is clamped",
-                               f"that it swings by {np.nanstd(motor):.3g} {unit} rms", do)
+                               f"that it swings by {np.nanstd(motor):.3g} {unit} rms", advice)
         return
-    # What follows the motor, and not the noise of a sensor that hardly sees anything.
-    share = 0.0 if own is None else drive.turns()[place] * _follows(own, motor)
-    if share > GIVES_WAY:
+    # The part that follows the motor, without the noise of the sensor.
+    share = 0.0 if own is None else drive.gear_ratios()[place] * _following_ratio(own, motor)
+    if share > MAX_CLAMP_MOTION:
         raise BadRecording(f"{body} at standstill in {experiment.name}, where it is clamped",
-                           f"that it follows {100.0 * share:.2g} % of the motor's motion", do)
+                           f"that it follows {100.0 * share:.2g} % of the motor's motion", advice)
     mean = abs(float(np.nanmean(motor)))
-    if mean > TURNS * _rms(motor):
+    if mean > MAX_MEAN_OVER_RMS * _rms(motor):
         raise BadRecording(f"a motor that swings against the clamped {body} in {experiment.name}",
-                           f"one that turns on at {mean:.3g} {unit} on average", do)
+                           f"one that turns on at {mean:.3g} {unit} on average", advice)
 
 
 def always_clamped(drive: Drive, experiments: Sequence[Experiment]) -> tuple[str, ...]:
@@ -55,20 +57,20 @@ def always_clamped(drive: Drive, experiments: Sequence[Experiment]) -> tuple[str
     return tuple(b for b in drive.bodies if all(d.value(f"{b}.clamped") for d in as_they_were))
 
 
-def beyond_clamps(drive: Drive, experiments: Sequence[Experiment]) -> frozenset[str]:
-    """The bodies and shafts of which no recording shows anything: what is clamped in all, and what lies beyond."""
+def unidentified_by_clamps(drive: Drive, experiments: Sequence[Experiment]) -> frozenset[str]:
+    """The bodies and shafts that no recording identifies: those clamped in all, and those beyond them."""
     places = [drive.bodies.index(b) for b in always_clamped(drive, experiments)]
     first = min((p for p in places if p > 0), default=len(drive.bodies))
     return frozenset((*drive.bodies[first:], *drive.shafts[first:]))
 
 
-def with_first_values(drive: Drive, experiments: Sequence[Experiment]) -> Drive:
-    """The drive of two bodies with what it lacks to begin a fit, where a recording has its load clamped.
+def with_start_values_from_clamped(drive: Drive, experiments: Sequence[Experiment]) -> Drive:
+    """The drive of two bodies with missing start values, from a recording with its load clamped.
 
     There the motor swings on the shaft like a mass on a spring: frequency, damping and inertia of the best of a
     grid of such systems. Recordings without the clamp give the load's inertia.
     """
-    missing = [n for n in drive.missing() if AT not in n]
+    missing = [n for n in drive.missing() if RECORD_MARK not in n]
     clamped = [e for e in experiments if len(drive.bodies) == 2
                and as_recorded(drive, (), e.number)[0].value(f"{drive.bodies[1]}.clamped")]
     if not missing or not clamped:
@@ -93,7 +95,7 @@ def with_first_values(drive: Drive, experiments: Sequence[Experiment]) -> Drive:
 
 @dataclass(frozen=True)
 class Swing:
-    """A mass on a spring: natural frequency [rad/s], damping ratio, inertia; left: mean square that it leaves."""
+    """A mass on a spring: natural frequency [rad/s], damping ratio, inertia; left: mean square of the residual."""
 
     frequency: float
     damping_ratio: float
@@ -105,24 +107,24 @@ def swing_of(experiment: Experiment) -> Swing | None:
     """The mass on a spring that explains the motor's speed best; None where none of the grid can be tried.
 
     For each frequency and damping the response is linear in the compliance and in the start state, so that noise
-    does not bend it as it does an equation between torque and derivatives.
+    does not bias it as it biases an equation between torque and derivatives.
     """
     first, last = max(experiment.segments, key=lambda s: s[1] - s[0])
     torque = experiment.signals["motor_torque"][first:last]
     speed = speed_of(experiment, "motor", "the first values")[first:last]
     known = np.isfinite(speed)
-    low = 2.0 * np.pi * LEAST_SWINGS / (len(torque) * experiment.step)
-    high = 2.0 * np.pi / (SAMPLES * experiment.step)
+    low = 2.0 * np.pi * MIN_PERIODS / (len(torque) * experiment.step)
+    high = 2.0 * np.pi / (MIN_SAMPLES_PER_PERIOD * experiment.step)
     if not low < high or known.mean() < 0.5:
         return None
     found = []
-    for frequency in np.geomspace(low, high, round(PER_OCTAVE * np.log2(high / low)) + 1):
+    for frequency in np.geomspace(low, high, round(FREQUENCIES_PER_OCTAVE * np.log2(high / low)) + 1):
         for ratio in DAMPING_RATIOS:
             columns = _responses(frequency, ratio, torque, experiment.step)[known]
             factors = np.linalg.lstsq(columns, speed[known], rcond=None)[0]
-            left = float(np.mean((speed[known] - columns @ factors) ** 2))
+            residual = float(np.mean((speed[known] - columns @ factors) ** 2))
             if factors[0] > 0.0:
-                found.append(Swing(float(frequency), ratio, float(1.0 / factors[0]), left))
+                found.append(Swing(float(frequency), ratio, float(1.0 / factors[0]), residual))
     return min(found, key=lambda s: s.left, default=None)
 
 
@@ -131,15 +133,15 @@ def _responses(frequency: float, ratio: float, torque: np.ndarray, step: float) 
     poles = frequency * (-ratio + np.array([1j, -1j]) * np.sqrt(1.0 - ratio**2))
     decay = np.exp(poles * step)
     backward = np.array([1.0, -2.0 * decay[0].real, abs(decay[0]) ** 2])
-    # A step of torque answers with exp(p0 t) and exp(p1 t) in a difference: its samples, one apart, are the filter.
-    answer = ((decay[0] - decay[1]) / (poles[0] - poles[1])).real
-    forced = lfilter([0.0, answer, -answer], backward, torque - torque[0])
+    # The step response is a difference of exp(p0 t) and exp(p1 t): the filter has its samples at each interval.
+    amplitude = ((decay[0] - decay[1]) / (poles[0] - poles[1])).real
+    forced = lfilter([0.0, amplitude, -amplitude], backward, torque - torque[0])
     time = np.arange(len(torque)) * step
     free = np.exp(poles[0] * time)
     return np.column_stack([forced, free.real, free.imag])
 
 
-def _speed(experiment: Experiment, drive: Drive, place: int) -> np.ndarray | None:
+def _speed_of_body(experiment: Experiment, drive: Drive, place: int) -> np.ndarray | None:
     """Speed of a body where it, or its angle, was logged."""
     names = [drive.bodies[place]]
     names += ["motor"] if place == 0 else ["load"] if drive.bodies[place] == drive.load else []
@@ -149,7 +151,7 @@ def _speed(experiment: Experiment, drive: Drive, place: int) -> np.ndarray | Non
     return None
 
 
-def _follows(own: np.ndarray, motor: np.ndarray) -> float:
+def _following_ratio(own: np.ndarray, motor: np.ndarray) -> float:
     """Speed of a body over that of the motor, by least squares, less three of its standard deviations."""
     known = np.isfinite(own) & np.isfinite(motor)
     x, y = motor[known], own[known]

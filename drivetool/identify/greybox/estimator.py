@@ -1,7 +1,7 @@
-"""Grey box: the physical parameters of the drive, polished on a record.
+"""Grey box: the physical parameters of the drive, fitted to a record.
 
-By default by the innovations fit, whose intervals hold under torque noise; the simulation-error
-fit is always made too, and both are judged by how they simulate data held out.
+By default by the innovations fit, whose intervals hold under torque noise. The simulation-error fit is always made
+too, and both are assessed by the free-run error on held-out data.
 """
 
 from __future__ import annotations
@@ -14,50 +14,53 @@ import numpy as np
 
 from drivetool.drive import TOTALS, Drive, shared
 from drivetool.errors import BadOption, DriveToolError, Finding
-from drivetool.identify.channels import doubted_channels, feedback_in, torque_timing, without_outliers
+from drivetool.identify.channels import feedback_in, suspect_channel_findings, torque_timing, without_outliers
 from drivetool.identify.estimate import Estimate, fit_percent
 from drivetool.identify.fit import (
-    again,
-    apart,
     by_innovations,
     by_simulation,
-    coloured,
-    fit_apart,
+    fit_with_friction_split,
     free_run,
-    opened_gaps,
+    opened_gap_findings,
+    refit,
     segment_of,
+    with_coloured_noise,
+    with_friction_parts,
 )
-from drivetool.identify.greybox.clamped import beyond_clamps, with_first_values
+from drivetool.identify.greybox.clamped import unidentified_by_clamps, with_start_values_from_clamped
 from drivetool.identify.identifiability import (
-    all_uncrossed,
-    contradicted_holds,
-    from_below,
-    told_by,
-    worth_of_shafts,
+    contradicted_held_values,
+    shaft_gain,
+    uncrossed_gaps,
+    with_lower_limit_only,
+    without_unidentified,
 )
-from drivetool.identify.laws import can_be_asked, explained, lack_of, without_shaft
-from drivetool.identify.outcome import compose, unsettled
+from drivetool.identify.laws import can_be_tested, default_fit, find_missing_structure, report_missing_structure
+from drivetool.identify.outcome import compose, not_converged
 from drivetool.identify.setup import (
     Options,
     Outcome,
     Roles,
     Task,
+    after_transient,
     at_rates,
-    check_scale,
+    check_torque_scale,
     has_gap,
     known_states,
-    led_in,
     reverses,
     roles_of,
     shared_by_some,
 )
-from drivetool.identify.shaft_torque import as_in_file, friction_told, with_frictions
+from drivetool.identify.shaft_torque import with_friction_of_file, with_frictions, with_identified_friction
 from drivetool.logs import Experiment
-from drivetool.logs.samples import measured
+from drivetool.logs.samples import without_unmeasured
 
-ALL = "all"  # after --free: whatever a grey-box fit frees
-HOLDOUT = 0.3  # share of each record on which the two criteria are compared
-SHOWS = 6.0  # log likelihood by which a dry friction of another size must be better to be freed unasked
+ALL = "all"  # after --free: all that a grey-box fit frees
+# Held-out share of each record for the comparison of criteria. A choice, usual in cross-validation
+CRITERIA_HELD_OUT_SHARE = 0.3
+# Log likelihood that freeing a given dry friction must gain without a request. A choice: chance gives it once in
+# two thousand fits (chi-square of one degree of freedom, 12).
+MIN_DRY_FRICTION_GAIN = 6.0
 
 
 def greybox(experiments: Sequence[Experiment], drive: Drive, options: Options) -> Estimate:
@@ -71,69 +74,74 @@ def greybox(experiments: Sequence[Experiment], drive: Drive, options: Options) -
     raises       BadParameters: a start value is missing; NotEnoughData: too short a record
     source       Tallfors 2005, sec. 5.5; Ljung 1999 for the innovations form
     """
-    drive = with_first_values(drive, experiments)
+    drive = with_start_values_from_clamped(drive, experiments)
     drive.require(drive.missing(), "the start of a grey-box fit")
-    experiments = [led_in(measured(e), drive, options.free) for e in at_rates("greybox", experiments, options)]
+    experiments = [after_transient(without_unmeasured(e), drive, options.free)
+                   for e in at_rates("greybox", experiments, options)]
     roles = roles_of(experiments, drive)
     if options.criterion == "inverse":
         return _by_inverse(experiments, drive, options, roles)
     drive = with_frictions(drive, roles, options)
-    asked, options = options, expanded(options, drive, experiments)
-    free = shared_by_some(chosen(drive, default_free(drive, experiments), options), drive, experiments)
-    check_scale(drive, free, roles, options.hold)
+    requested, options = options, with_all_expanded(options, drive, experiments)
+    free = shared_by_some(free_parameters(drive, default_free(drive, experiments), options), drive, experiments)
+    check_torque_scale(drive, free, roles, options.hold)
     if options.criterion == "frequency":
         from drivetool.identify.frequency import greybox_by_frequency
 
         return greybox_by_frequency(experiments, drive, free, options)
     task = Task(drive, free, roles, tuple(experiments), known_states(options.start, drive, free, roles))
-    outcome, left = without_outliers(fit_apart(task, options, asked, [{}]))
-    white, least = all_uncrossed(dry_friction(friction_told(outcome, drive, options, asked), asked))
-    chosen_fit = explained(white, options, bool(least))
+    outcome, outlier_findings = without_outliers(fit_with_friction_split(task, options, requested, [{}]))
+    white, lower_limits = uncrossed_gaps(with_dry_friction_freed(
+        with_identified_friction(outcome, drive, options, requested), requested))
+    chosen_fit = default_fit(white, options, bool(lower_limits))
     explanation, outcome = chosen_fit.explanation, chosen_fit.outcome
     figures, findings = ({}, list(explanation.findings)) if explanation else both_criteria(outcome, options)
-    model_lacks = explanation.lacks if explanation else bool(findings)
-    worthless = explanation is not None and explanation.worthless
-    settled = explanation is not None and not worthless
-    found = explanation.own.drive if settled else outcome.drive
-    findings = [*left, *doubted_channels(task, found, settled), *findings]
+    model_lacks = explanation.lacks_law if explanation else bool(findings)
+    worthless = explanation is not None and explanation.torque_explains_nothing
+    explained_well = explanation is not None and not worthless
+    found = explanation.own.drive if explained_well else outcome.drive
+    findings = [*outlier_findings, *suspect_channel_findings(task, found, explained_well), *findings]
     figures["noise_parameters"] = 0 if outcome.fit is None else outcome.fit.noise.parameters
     estimate = compose("greybox", drive, outcome, findings, {}, figures, options.known, explanation)
-    estimate = as_in_file(estimate, outcome, options, free, explanation)
+    estimate = with_friction_of_file(estimate, outcome, options, free, explanation)
     if chosen_fit.alone:
         estimate = replace(estimate, explanation=chosen_fit.alone)
     estimate = replace(estimate, findings=(*torque_timing(white), *estimate.findings))
-    astray = unsettled(outcome)
-    lacking = estimate.repeats or model_lacks or astray
-    if lacking:
-        contradicted = contradicted_holds(task, white, options, asked)
+    no_convergence = not_converged(outcome)
+    model_incomplete = estimate.repeats or model_lacks or no_convergence
+    if model_incomplete:
+        contradicted = contradicted_held_values(task, white, options, requested)
         estimate = replace(estimate, findings=(*contradicted, *estimate.findings))
-    if outcome.drive.shafts and not has_gap(outcome.task) and lacking and not can_be_asked(*chosen_fit.rivals[:2]):
-        opened = opened_gaps(outcome.task.at_point(outcome.solution.point), "this drive has none")
+    if (outcome.drive.shafts and not has_gap(outcome.task) and model_incomplete
+            and not can_be_tested(*chosen_fit.rivals[:2])):
+        opened = opened_gap_findings(outcome.task.at_point(outcome.solution.point), "this drive has none")
         estimate = replace(estimate, findings=(*estimate.findings, *opened))
-    for name, low in least.items():
-        estimate = from_below(estimate, name, low)
-    estimate = replace(estimate, findings=(*estimate.findings, *torque_is_the_answer(astray or worthless, task)))
-    estimate = told_by(estimate, worth_of_shafts(white))
-    return without_shaft(estimate, lack_of(*chosen_fit.rivals), drive.shafts[0]) if drive.shafts else estimate
+    for name, low in lower_limits.items():
+        estimate = with_lower_limit_only(estimate, name, low)
+    estimate = replace(estimate, findings=(
+        *estimate.findings, *torque_in_feedback(no_convergence or worthless, task)))
+    estimate = without_unidentified(estimate, shaft_gain(white))
+    return report_missing_structure(estimate, find_missing_structure(*chosen_fit.rivals),
+                                    drive.shafts[0]) if drive.shafts else estimate
 
 
 def _by_inverse(experiments: Sequence[Experiment], drive: Drive, options: Options, roles: Roles) -> Estimate:
-    """The fit of the torque that the motion asks for."""
+    """The fit of the torque that the motion requires."""
     from drivetool.identify.inverse import greybox_by_inverse
 
-    # The motion is known, so that a motor's friction is told from the others'.
-    drive = apart(drive)
-    free = chosen(drive, default_free(drive, experiments), expanded(options, drive, experiments))
+    # The motion is known, so that the motor's friction is separately identifiable.
+    drive = with_friction_parts(drive)
+    free = free_parameters(drive, default_free(drive, experiments), with_all_expanded(options, drive, experiments))
     free = shared_by_some(free, drive, experiments)
-    if not bends_behind(drive, free):
-        # One constant torque shows, wherever it acts: the motor's stands for all, unless others are asked for.
+    if not nonlinear_behind_motor(drive, free):
+        # Only one constant torque is identifiable, wherever it acts: the motor's, unless others are requested.
         behind = {f"{b}.idle_torque" for b in drive.bodies[1:]} - set(options.free)
         free = tuple(n for n in free if n not in behind)
     return greybox_by_inverse(experiments, drive, free, roles, options)
 
 
-def bends_behind(drive: Drive, free: Sequence[str]) -> bool:
-    """Whether dry friction or a gap behind the first body tells a torque there from one on that."""
+def nonlinear_behind_motor(drive: Drive, free: Sequence[str]) -> bool:
+    """Whether dry friction or a gap behind the first body distinguishes a torque there from one on that body."""
     return any(shared(n).endswith((".coulomb", ".half_gap")) and not n.startswith(f"{drive.bodies[0]}.")
                and (n in free or (drive.value(n) or 0.0) > 0.0) for n in drive.quantities)
 
@@ -141,14 +149,14 @@ def bends_behind(drive: Drive, free: Sequence[str]) -> bool:
 def default_free(drive: Drive, experiments: Sequence[Experiment]) -> tuple[str, ...]:
     """Inertias, shafts, friction sums, and Coulomb friction where the motion reverses.
 
-    Of a body that is clamped in every recording nothing shows. Beyond a clamp a shaft's damping has the viscous
-    friction in it, and its twist a constant torque.
+    A body that is clamped in every recording is not identifiable. Before a clamp a shaft's damping includes the
+    viscous friction, and its twist a constant torque.
     """
-    # A body that is known to carry a mass: that is what is asked for, its own inertia is the small part.
+    # A body that carries a mass: the mass is of interest, its own inertia is the small part.
     names = [f"{b}.{'carried_mass' if drive.value(f'{b}.carried_mass') else 'inertia'}" for b in drive.bodies]
     for shaft in drive.shafts:
         names += [f"{shaft}.stiffness", f"{shaft}.damping"]
-    hidden = beyond_clamps(drive, experiments)
+    hidden = unidentified_by_clamps(drive, experiments)
     for total, suffix in () if hidden else TOTALS.items():
         parts = [f"{b}.{suffix}" for b in drive.bodies]
         names += [total] if total in drive.values and len(parts) > 1 else parts
@@ -159,8 +167,8 @@ def default_free(drive: Drive, experiments: Sequence[Experiment]) -> tuple[str, 
     return tuple(names)
 
 
-def expanded(options: Options, drive: Drive, experiments: Sequence[Experiment]) -> Options:
-    """The options with `--free all` spelled out: everything a grey-box fit frees."""
+def with_all_expanded(options: Options, drive: Drive, experiments: Sequence[Experiment]) -> Options:
+    """The options with `--free all` expanded: everything a grey-box fit frees."""
     if ALL not in options.free:
         return options
     free = [n for n in options.free if n != ALL]
@@ -168,7 +176,7 @@ def expanded(options: Options, drive: Drive, experiments: Sequence[Experiment]) 
     return replace(options, free=tuple(dict.fromkeys(free)))
 
 
-def chosen(drive: Drive, default: Sequence[str], options: Options) -> tuple[str, ...]:
+def free_parameters(drive: Drive, default: Sequence[str], options: Options) -> tuple[str, ...]:
     """The free parameters after --hold and --free, in the drive's order."""
     both = set(options.hold) & set(options.free)
     if both:
@@ -181,10 +189,10 @@ def chosen(drive: Drive, default: Sequence[str], options: Options) -> tuple[str,
     return tuple(n for n in drive.quantities if n in names)
 
 
-def dry_friction(outcome: Outcome, options: Options) -> Outcome:
+def with_dry_friction_freed(outcome: Outcome, options: Options) -> Outcome:
     """Free the Coulomb friction that was given, where the record contradicts its value.
 
-    A drive that only stops, or hardly turns back, may show it too; one that never stops does not.
+    A drive that only stops, or hardly turns back, may identify it too; one that never stops does not.
     """
     drive = outcome.task.drive
     names = {n for n in (f"{b}.coulomb" for b in drive.bodies) if (drive.value(n) or 0.0) > 0.0}
@@ -192,54 +200,55 @@ def dry_friction(outcome: Outcome, options: Options) -> Outcome:
     if not names or outcome.fit is None:
         return outcome
     free = tuple(n for n in drive.quantities if n in {*outcome.task.free, *names})
-    trial = again(replace(outcome.task, drive=outcome.drive, free=free), outcome.fit.noise)
-    return trial if trial.fit is not None and trial.fit.value < outcome.fit.value - SHOWS else outcome
+    trial = refit(replace(outcome.task, drive=outcome.drive, free=free), outcome.fit.noise)
+    return (trial if trial.fit is not None and trial.fit.value < outcome.fit.value - MIN_DRY_FRICTION_GAIN
+            else outcome)
 
 
 def both_criteria(outcome: Outcome, options: Options) -> tuple[dict[str, float], list[Finding]]:
-    """Simulated fit of both criteria on the held-out end of the records, and what it means.
+    """Simulated fit of both criteria on the held-out end of the records, and the finding.
 
     Each criterion is fitted to the first part of every record and simulated over the rest.
     """
     task = outcome.task.at_point(outcome.solution.point)
-    train = [e.between(0.0, (1.0 - HOLDOUT) * e.size * e.step) for e in task.experiments]
-    rest = [e.between((1.0 - HOLDOUT) * e.size * e.step, e.size * e.step) for e in task.experiments]
+    train = [e.between(0.0, (1.0 - CRITERIA_HELD_OUT_SHARE) * e.size * e.step) for e in task.experiments]
+    rest = [e.between((1.0 - CRITERIA_HELD_OUT_SHARE) * e.size * e.step, e.size * e.step) for e in task.experiments]
 
-    def judged(fitted: Callable[[Task], Outcome]) -> float:
-        """Fit of free runs over what was not fitted to."""
+    def held_out_fit(fitted: Callable[[Task], Outcome]) -> float:
+        """Fit of free runs over the held-out data."""
         point = fitted(replace(task, experiments=tuple(train))).solution.point
         problem, _, runs = free_run(replace(task.at_point(point), experiments=tuple(rest), start={}))
         y = np.concatenate([t.outputs[:, 0] for t in problem.traces])
         return fit_percent(y, np.concatenate([r[:, 0] for r in runs]))
 
-    ways = {"innovations": lambda t: coloured(
-                by_innovations(t, [{}]) if outcome.fit is None else again(t, outcome.fit.noise)),
-            "simulation": lambda t: by_simulation(t, segment_of(options), [{}], near=True)}
+    ways = {"innovations": lambda t: with_coloured_noise(
+                by_innovations(t, [{}]) if outcome.fit is None else refit(t, outcome.fit.noise)),
+            "simulation": lambda t: by_simulation(t, segment_of(options), [{}], near_optimum=True)}
     try:
         with ThreadPoolExecutor(len(ways)) as pool:
-            found = list(pool.map(judged, ways.values()))
+            found = list(pool.map(held_out_fit, ways.values()))
     except DriveToolError:
         return {}, []
     figures = {f"held_out_simulation_fit_percent_by_{name}": value for name, value in zip(ways, found, strict=True)}
     a, b = found
-    # Clearly better: a tenth of what the innovations fit leaves unexplained, and two points.
+    # Clearly better: by a tenth of the residual of the innovations fit, and by two points.
     if b > a + max(2.0, 0.1 * (100.0 - a)):
         return figures, [Finding(
             "warning", "model-error",
-            f"Fitted to simulate, the drive explains {b:.1f} % of the held-out motion; fitted to predict one "
-            f"step, {a:.1f} %. The model lacks something physical, which the noise model hides.",
+            f"By simulation error, the drive explains {b:.1f} % of the held-out motion; by one-step prediction "
+            f"error, {a:.1f} %. The model lacks a physical effect, which the noise model hides.",
             figures, "Run diagnose; the intervals are conditional on the structure.")]
     return figures, []
 
 
-def torque_is_the_answer(failed: bool, task: Task) -> list[Finding]:
-    """A motion that no torque explains, and a torque that answers it: then the torque is the question.
+def torque_in_feedback(failed: bool, task: Task) -> list[Finding]:
+    """A note for a simulation that failed where the torque depends on the motion: inverse dynamics may succeed.
 
-    failed  whether the fit that simulates the motion did not settle, or explains nothing
+    failed  whether the fit that simulates the motion did not converge, or explains nothing
     """
-    if not failed or not feedback_in(task.experiments, task.roles.outputs[0]).there:
+    if not failed or not feedback_in(task.experiments, task.roles.outputs[0]).significant:
         return []
     return [Finding(
-        "note", "torque-is-the-answer",
-        "The torque answers the motion, and a fit that simulates the motion failed. Where the motion is imposed or "
-        "well known, the torque is the better question.", {}, "Try --criterion inverse.")]
+        "note", "torque-in-feedback",
+        "The torque depends on the motion, and a fit that simulates the motion failed. Where the motion is imposed "
+        "or well known, a fit of the torque is better.", {}, "Try --criterion inverse.")]

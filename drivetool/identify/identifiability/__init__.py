@@ -1,7 +1,7 @@
 """What a record identifies.
 
-An outcome comes in. What is identified only jointly, a resonance that is not shown, a held value that is
-contradicted, a one-sided gap and a profile likelihood go out.
+An outcome comes in. Jointly identified parameters, a resonance without evidence, a contradicted held value, a
+one-sided gap and a profile likelihood go out.
 """
 
 import lazy_loader

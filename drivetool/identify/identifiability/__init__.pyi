@@ -1,16 +1,25 @@
-from .held import contradicted_holds as contradicted_holds
+from .held_value_test import contradicted_held_values as contradicted_held_values
 from .joint_identifiability import (
-    on_the_last as on_the_last,
+    lumped_on_last_body as lumped_on_last_body,
     only_ratios as only_ratios,
-    told_together as told_together,
-    without_sizes as without_sizes,
+    without_joint_intervals as without_joint_intervals,
+    without_torque_intervals as without_torque_intervals,
 )
-from .light import fit_light as fit_light, judged as judged, load_share as load_share, loosened as loosened
-from .profile_likelihood import LEVEL95 as LEVEL95, Profile as Profile, profile as profile
-from .shown import not_of_shaft as not_of_shaft, told_by as told_by, worth_of_shafts as worth_of_shafts
-from .uncrossed import (
-    all_uncrossed as all_uncrossed,
-    from_below as from_below,
+from .low_inertia_ratio import (
+    fit_low_inertia_ratio as fit_low_inertia_ratio,
+    load_inertia_ratio as load_inertia_ratio,
+    with_low_inertia_findings as with_low_inertia_findings,
+    with_uncertain_values_free as with_uncertain_values_free,
+)
+from .one_sided_backlash import (
     never_crossed as never_crossed,
-    unbounded as unbounded,
+    uncrossed_gaps as uncrossed_gaps,
+    with_lower_limit_only as with_lower_limit_only,
+    without_upper_limit as without_upper_limit,
+)
+from .profile_likelihood import HALF_CHI2_95 as HALF_CHI2_95, Profile as Profile, profile as profile
+from .shaft_likelihood_ratio import (
+    shaft_gain as shaft_gain,
+    without_shaft_intervals as without_shaft_intervals,
+    without_unidentified as without_unidentified,
 )

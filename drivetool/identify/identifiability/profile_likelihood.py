@@ -10,14 +10,14 @@ from drivetool.identify.noise import Noise, filtered, minus_log_likelihood
 from drivetool.identify.problem import Point, solve
 from drivetool.identify.setup import Outcome, Task
 
-LEVEL95 = 1.920729410347062  # half the 95 % quantile of chi-square with one degree of freedom
+HALF_CHI2_95 = 1.920729410347062  # half the 95 % quantile of chi-square with one degree of freedom
 
 
 @dataclass(frozen=True)
 class Profile:
     """values (n,) ascending, rise (n,) of -log likelihood over the best, 95 % interval.
 
-    low or high is None where the likelihood does not fall by enough within the values tried.
+    low or high is None where the likelihood does not fall far enough within the values tried.
     """
 
     values: np.ndarray
@@ -26,7 +26,7 @@ class Profile:
     high: float | None
 
 
-def profile(outcome: Outcome, name: str, step: float, most: int = 8) -> Profile:
+def profile(outcome: Outcome, name: str, step: float, max_points: int = 8) -> Profile:
     """Profile of a parameter around an innovations fit, the noise model kept.
 
     step  first distance from the estimate, about one standard deviation
@@ -39,20 +39,20 @@ def profile(outcome: Outcome, name: str, step: float, most: int = 8) -> Profile:
     found = {best: _refit(task, outcome, name, best)}
     for side in (-1.0, 1.0):
         distance = step
-        for _ in range(most):
+        for _ in range(max_points):
             value = float(np.clip(best + side * distance, low, high))
             if value in found:
                 break
             found[value] = _refit(task, outcome, name, value)
-            if found[value] - min(found.values()) > 1.5 * LEVEL95 or value in (low, high):
+            if found[value] - min(found.values()) > 1.5 * HALF_CHI2_95 or value in (low, high):
                 break
             distance *= 1.6
     values = np.array(sorted(found))
     rise = np.array([found[v] for v in values])
     rise -= rise.min()
     centre = int(np.argmin(rise))
-    return Profile(values, rise, _crossing(values[: centre + 1][::-1], rise[: centre + 1][::-1]),
-                   _crossing(values[centre:], rise[centre:]))
+    return Profile(values, rise, _level_crossing(values[: centre + 1][::-1], rise[: centre + 1][::-1]),
+                   _level_crossing(values[centre:], rise[centre:]))
 
 
 def _refit(task: Task, outcome: Outcome, name: str, value: float) -> float:
@@ -62,7 +62,7 @@ def _refit(task: Task, outcome: Outcome, name: str, value: float) -> float:
     problem = fixed.problem()
     noise: Noise = outcome.fit.noise
     values = np.array([fixed.drive.value(n) for n in free])
-    starts = tuple(shifted(task, name, value, s) for s in outcome.solution.point.starts)
+    starts = tuple(shifted_start(task, name, value, s) for s in outcome.solution.point.starts)
     best = np.inf
     for _ in range(3):
         point = Point(values, starts)
@@ -81,7 +81,7 @@ def _refit(task: Task, outcome: Outcome, name: str, value: float) -> float:
     return best
 
 
-def shifted(task: Task, name: str, value: float, start: np.ndarray) -> np.ndarray:
+def shifted_start(task: Task, name: str, value: float, start: np.ndarray) -> np.ndarray:
     """A start state that leaves a contact closed as far as it was, if a half gap changes."""
     shaft, _, suffix = name.rpartition(".")
     old = task.drive.value(name) or 0.0
@@ -93,10 +93,10 @@ def shifted(task: Task, name: str, value: float, start: np.ndarray) -> np.ndarra
     return new
 
 
-def _crossing(values: np.ndarray, rise: np.ndarray) -> float | None:
+def _level_crossing(values: np.ndarray, rise: np.ndarray) -> float | None:
     """Where the root of the rise, nearly linear, passes the 95 % level, walking outwards."""
     root = np.sqrt(np.maximum(rise, 0.0))
-    level = np.sqrt(LEVEL95)
+    level = np.sqrt(HALF_CHI2_95)
     for i in range(1, len(values)):
         if root[i] > level:
             share = (level - root[i - 1]) / (root[i] - root[i - 1])

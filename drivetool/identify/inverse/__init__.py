@@ -1,7 +1,7 @@
 """The grey box by inverse dynamics.
 
-Experiments, a drive and options come in. An estimate of what the motion asks of the torque, and the laws it lacks,
-go out.
+Experiments, a drive and options come in. An estimate by the torque that the motion requires, and the laws that the
+drive lacks, go out.
 """
 
 import lazy_loader

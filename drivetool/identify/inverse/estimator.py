@@ -1,6 +1,6 @@
-"""The grey box by inverse dynamics: the parameters by which the motion asks for the torque that was logged.
+"""The grey box by inverse dynamics: the parameters at which the motion requires the logged torque.
 
-For motions that are imposed or well known: there the torque is the answer. No start states, no noise model.
+For motions that are imposed or well known: there the torque responds to the motion. No start state, no noise model.
 """
 
 from __future__ import annotations
@@ -17,52 +17,58 @@ from drivetool.identify.estimate import (
     Z95,
     Covariance,
     Estimate,
-    Exhibit,
     FoundLaw,
     Parameter,
+    PlotData,
     covariance_of,
     parameters_of,
 )
-from drivetool.identify.inverse.missing_laws import own_of, solved_with_laws, with_laws
+from drivetool.identify.inverse.missing_laws import own_parameters_of, solve_with_laws, with_laws
 from drivetool.identify.inverse.regression import (
-    Inverse,
-    Solved,
+    InverseFit,
+    InverseRegression,
+    first_stage_f,
     in_narrower_band,
-    recorded,
-    solved,
-    strength,
+    regression_of,
+    solve_inverse,
     with_instruments,
 )
-from drivetool.identify.laws import SLACK, model_error, sandwich, weighty
+from drivetool.identify.laws import FEW_BLOCKS_FACTOR, model_error, sandwich_covariance, significant_laws
 from drivetool.identify.motion import (
     NOISE_SHARE,
     Rows,
     TorqueFit,
     beyond_stationary,
     change_of,
+    check_no_signal_path,
     covariance_of as covariance_of_rows,
     influence_of,
     inverse_of,
-    logged_as_it_acts,
     reference_of,
     torque_fit,
     torque_picture,
 )
-from drivetool.identify.outcome import Told, repeats_of, tells, with_scatter
+from drivetool.identify.outcome import RecordingEstimate, identifiable_alone, repeatability_of, with_scatter
 from drivetool.identify.problem import Normal, Point, Solution
-from drivetool.identify.setup import Options, Roles, Start
+from drivetool.identify.setup import KnownStart, Options, Roles
 from drivetool.logs import Experiment
 
-WEAK = 10.0  # first-stage F below which instruments are weak (Staiger and Stock 1997)
-NARROWER = 2.0  # by which the band is narrower that shows what depends on the band
-DOUBLED = 2.0  # half-widths that a disagreement adds: half of it is seen, at best
-NEW = 1e-3  # of a torque's power that its past does not foretell: with less a loop without noise looks open
-NOTHING = 0.9  # of the torque's standard deviation, from which the motion explains nothing of it
+MIN_FIRST_STAGE_F = 10.0  # first-stage F below which instruments are weak (Staiger and Stock 1997)
+# Factor by which the comparison band is narrower. A choice: an octave moves what depends on the band, and still
+# leaves half of the samples.
+COMPARISON_BAND_FACTOR = 2.0
+# Half-widths that a disagreement of two bands adds: a comparison sees at best half of the error
+HALF_WIDTHS_PER_DISAGREEMENT = 2.0
+# Share of the torque's power that its own past does not predict; below it, a closed loop without noise looks open.
+MIN_UNPREDICTED_POWER = 1e-3
+# Residual over the torque's standard deviation from which the motion explains nothing. A choice: at 0.9 it explains
+# a fifth of the power, no more than a wrong channel may by chance.
+MAX_RESIDUAL_OVER_SD = 0.9
 
 
 @dataclass(frozen=True)
-class Linear:
-    """What the table of a regression asks of its problem, see `interval_and_status.parameters_of`."""
+class RegressionProblem:
+    """The fields of a problem that the table of a regression needs, see `interval_and_status.parameters_of`."""
 
     names: tuple[str, ...]
     low: np.ndarray
@@ -72,65 +78,66 @@ class Linear:
 
 
 def greybox_by_inverse(experiments: Sequence[Experiment], drive: Drive, free: Sequence[str], roles: Roles,
-                       options: Options, lead: tuple[np.ndarray, ...] | None = None) -> Estimate:
-    """Physical parameters from the torque that the motor's motion asks for.
+                       options: Options, transient: tuple[np.ndarray, ...] | None = None) -> Estimate:
+    """Physical parameters from the torque that the motor's motion requires.
 
     experiments  motor_torque and the motor's speed or angle; with reference_angle, reference_speed or
-                 reference_torque of the loop, what that foretells of the motion is the instrument
+                 reference_torque of the loop, the motion that it predicts is the instrument
     drive        with start values; of a chain the motor is moved as measured, and the rest of it simulated
     free         parameter names
-    lead         per recording (n,) samples that are left out; None: as long as the chain remembers how it began
-    returns      Estimate; std_noise under stationary errors of any spectrum, std_structure by what else shows
+    lead         per recording (n,) samples that are left out; None: the initial transient of the chain
+    returns      Estimate; std_noise under stationary errors of any spectrum, std_structure by all other errors
     raises       BadOption: a path between torque and body, or a start state; NotEnoughData
     source       Gautier, Janot and Vandanjon 2013, the filters; Janot, Vandanjon and Gautier 2014, instruments
     """
-    askable(drive, free, options)
+    check_inverse_options(drive, free, options)
     sensor, inputs = roles.outputs[0], roles.inputs[1:]
     reference, why = reference_of(experiments, sensor)
-    first = recorded(experiments, drive, free, sensor, inputs, lead)
+    first = regression_of(experiments, drive, free, sensor, inputs, transient)
     record, findings = first, []
     if reference is None:
-        findings.append(_no_instrument(why))
+        findings.append(_no_instrument_finding(why))
     else:
         record = with_instruments(first, sensor, reference)
-        if (first_stage := strength(record)) < WEAK:
-            findings.append(_weak(reference, first_stage))
+        if (first_stage := first_stage_f(record)) < MIN_FIRST_STAGE_F:
+            findings.append(_weak_instrument_finding(reference, first_stage))
             record, reference = first, None
-    fit = solved_with_laws(record)
-    line, own = own_of(fit)
-    alone, laws = fit.at.alone(own), _laws(fit)
-    structure = _structure(fit, line, sensor, reference)
-    lines, covariance, more = _lines(fit, drive, alone.drive, line, _held(fit, options.known), structure)
-    repeats = repeats_of(told_by_each(fit), line)
+    fit = solve_with_laws(record)
+    line, own = own_parameters_of(fit)
+    alone, laws = fit.at.alone(own), _found_laws(fit)
+    structure = _structural_std(fit, line, sensor, reference)
+    lines, covariance, more = _parameter_lines(
+        fit, drive, alone.drive, line, _held_value_covariance(fit, options.known), structure)
+    repeats = repeatability_of(recording_estimates(fit), line)
     lines, covariance, varies = with_scatter(lines, covariance, alone.own, repeats, alone.drive)
     more = (*more, *varies)
     f, figures, exhibits = _torque_figures(fit, alone)
-    heavy = weighty(laws, experiments)
+    heavy = significant_laws(laws, experiments)
     findings += [*more, *([model_error(heavy, next(iter(heavy)))] if heavy else []),
-                 *(() if reference else _of_feedback(experiments, sensor))]
-    if f.over_sd > NOTHING:
-        findings.append(_nothing(f.over_sd))
-        lines, covariance = tuple(_without(p) for p in lines), None
+                 *(() if reference else _open_loop_findings(experiments, sensor))]
+    if f.over_sd > MAX_RESIDUAL_OVER_SD:
+        findings.append(_explains_nothing_finding(f.over_sd))
+        lines, covariance = tuple(_without_interval(p) for p in lines), None
     return Estimate(
-        "greybox", alone.drive, lines, _outcome(fit, reference), figures, covariance, {},
+        "greybox", alone.drive, lines, _outcome_sentence(fit, reference), figures, covariance, {},
         {"criterion": "inverse", "outputs": ["motor_torque"], "instruments": reference or "none"}, tuple(findings),
-        tuple(e.source for e in experiments), {}, exhibits, None, _sentence(laws), laws)
+        tuple(e.source for e in experiments), {}, exhibits, None, _laws_sentence(laws), laws)
 
 
-def askable(drive: Drive, free: Sequence[str], options: Options) -> None:
-    """Raise BadOption where the torque of the motor's body is not what a motion asks for."""
-    logged_as_it_acts(drive, free)
+def check_inverse_options(drive: Drive, free: Sequence[str], options: Options) -> None:
+    """Raise BadOption where a motion does not determine the torque of the motor's body."""
+    check_no_signal_path(drive, free)
     sums = [n for n in free if n in TOTALS]
     if sums:
         raise BadOption("the friction of each body for --criterion inverse", ", ".join(sums),
                         f"Free {drive.bodies[0]}.{TOTALS[sums[0]]}: the motion of its body is known.")
-    if options.start != Start():
-        raise BadOption("a criterion that simulates for --start", "inverse, which asks for no start state",
+    if options.start != KnownStart():
+        raise BadOption("a criterion that simulates for --start", "inverse, which uses no start state",
                         "Leave --start out, or take --criterion auto.")
 
 
-def _laws(fit: Solved) -> tuple[FoundLaw, ...]:
-    """The laws that were taken out, with their factors."""
+def _found_laws(fit: InverseFit) -> tuple[FoundLaw, ...]:
+    """The laws that were fitted beside the drive, with their factors."""
     found, k, std = [], len(fit.at.own), np.sqrt(np.diag(fit.covariance))
     for law in fit.at.laws[0]:
         part = slice(k, k + law.size)
@@ -139,35 +146,35 @@ def _laws(fit: Solved) -> tuple[FoundLaw, ...]:
     return tuple(found)
 
 
-def _sentence(laws: Sequence[FoundLaw]) -> str:
-    """What was taken out, in words."""
+def _laws_sentence(laws: Sequence[FoundLaw]) -> str:
+    """The number of laws fitted beside the drive, in words."""
     if not laws:
         return ""
-    return f"{len(laws)} law{'s' if len(laws) > 1 else ''} that the motion foretells taken out of the torque."
+    return f"{len(laws)} law{'s' if len(laws) > 1 else ''} of the motion fitted beside the drive's own torque."
 
 
-def _structure(fit: Solved, line: np.ndarray, sensor: str, reference: str | None) -> np.ndarray:
-    """(k,) standard deviations by what stationary noise of the torque does not explain.
+def _structural_std(fit: InverseFit, line: np.ndarray, sensor: str, reference: str | None) -> np.ndarray:
+    """(k,) standard deviations by errors that stationary noise of the torque does not explain.
 
-    Blocks of the record that disagree, another band that does, and what the torque's noise may have moved, unless
-    instruments have cured that.
+    Their sources: blocks of the record that disagree, another band that disagrees, and torque noise in the motion,
+    unless instruments remove its bias.
     """
     r = fit.at
-    other = in_narrower_band(r.alone(fit.values[:len(r.own)]), sensor, NARROWER)
+    other = in_narrower_band(r.alone(fit.values[:len(r.own)]), sensor, COMPARISON_BAND_FACTOR)
     if reference:
         other = with_instruments(other, sensor, reference)
-    narrow = solved(with_laws(other, [law.name for law in r.laws[0]]))
-    other_line, _ = own_of(narrow)
+    narrow = solve_inverse(with_laws(other, [law.name for law in r.laws[0]]))
+    other_line, _ = own_parameters_of(narrow)
     influence, other_influence = fit.influence @ line.T, narrow.influence @ other_line.T
     off = np.abs(line @ fit.values - other_line @ narrow.values)
-    by_noise = np.sqrt(np.diag(sandwich(influence - other_influence))) / SLACK
-    by_band = DOUBLED / Z95 * np.maximum(off - by_noise, 0.0)
-    by_motion = np.abs(line) @ _moved_by_noise(fit, fit.rows, fit.inverse) / Z95
+    by_noise = np.sqrt(np.diag(sandwich_covariance(influence - other_influence))) / FEW_BLOCKS_FACTOR
+    by_band = HALF_WIDTHS_PER_DISAGREEMENT / Z95 * np.maximum(off - by_noise, 0.0)
+    by_motion = np.abs(line) @ _max_noise_bias(fit, fit.rows, fit.inverse) / Z95
     return np.sqrt(by_band**2 + by_motion**2 + beyond_stationary(influence, line @ fit.covariance @ line.T) ** 2)
 
 
-def told_by_each(fit: Solved) -> list[Told]:
-    """What each recording says by itself."""
+def recording_estimates(fit: InverseFit) -> list[RecordingEstimate]:
+    """The estimate of each recording by itself."""
     found = []
     for number in dict.fromkeys(e.number for e in fit.at.experiments):
         rows = [r for r, e in zip(fit.rows, fit.at.experiments, strict=True) if e.number == number]
@@ -176,26 +183,26 @@ def told_by_each(fit: Solved) -> list[Told]:
         own = [replace(r, residual=r.residual - r.slopes @ change) for r in rows]
         covariance = covariance_of_rows(own, inverse)
         beyond = np.hypot(beyond_stationary(influence_of(own, inverse), covariance),
-                          _moved_by_noise(fit, own, inverse) / Z95)  # one that hardly accelerates tells no inertia
-        found.append(Told(change, fit.inverse @ matrix, np.diag(covariance) + beyond**2,
-                          covariance_of_rows(own, fit.inverse), tells(matrix, inverse)))
+                          _max_noise_bias(fit, own, inverse) / Z95)  # without acceleration no inertia shows
+        found.append(RecordingEstimate(change, fit.inverse @ matrix, np.diag(covariance) + beyond**2,
+                          covariance_of_rows(own, fit.inverse), identifiable_alone(matrix, inverse)))
     return found
 
 
-def _moved_by_noise(fit: Solved, rows: Sequence[Rows], inverse: np.ndarray) -> np.ndarray:
-    """(n,) by how much the fit may err at most, since noise moves what it takes for given.
+def _max_noise_bias(fit: InverseFit, rows: Sequence[Rows], inverse: np.ndarray) -> np.ndarray:
+    """(n,) largest bias of the fit by noise in its regressors.
 
-    Nothing with instruments, but behind shafts: through gaps and friction noise of the motion does not come in
-    proportion, and they do not cure it.
+    Zero with instruments, except behind shafts: gaps and friction pass noise of the motion nonlinearly, and
+    instruments do not remove its bias.
 
-    What the motor's torque has too much accelerates the body at most as it would alone; the sensor's noise in the
-    acceleration may go through the controller into the torque. That noise is as large in a recording of its own
-    inertia, which may hardly accelerate.
+    A disturbance of the motor's torque accelerates the body at most as if it acted alone. The sensor's noise in the
+    acceleration may pass through the controller into the torque. That noise is as large in a recording with an
+    inertia of its own, which may hardly accelerate.
 
     rows  of the fit, or of some of its recordings; inverse: (n, n) by these
     """
     free, found = fit.at.free, np.zeros(len(fit.at.free))
-    if fit.at.foreseen and not fit.at.drive.shafts:
+    if fit.at.predicted and not fit.at.drive.shafts:
         return found
     columns = [j for j, n in enumerate(free) if shared(n) == f"{fit.at.drive.bodies[0]}.inertia"]
     every = np.concatenate([r.slopes[:, columns] for r in fit.rows])
@@ -204,14 +211,14 @@ def _moved_by_noise(fit: Solved, rows: Sequence[Rows], inverse: np.ndarray) -> n
     for j in columns:
         inertia, here = fit.at.drive.values[free[j]], slopes[:, j] != 0.0
         error, power = float(np.sum(residual[here] ** 2)), noise * np.count_nonzero(here)
-        # Of a body without mass nothing follows: then it is as much as both can have in common.
+        # A body without mass gives no limit: then the limit is that of Cauchy and Schwarz.
         moment = min(error / max(inertia, 1e-300), np.sqrt(error * float(np.sum(slopes[here, j] ** 2))))
         found += np.abs(inverse[:, j]) * (moment + np.sqrt(power * error) + inertia * power)
     return found
 
 
-def _held(fit: Solved, known: Covariance | None) -> np.ndarray:
-    """(k, k) what the uncertainty of held values adds."""
+def _held_value_covariance(fit: InverseFit, known: Covariance | None) -> np.ndarray:
+    """(k, k) covariance that the uncertainty of held values adds."""
     names = [n for n in (known.names if known else ()) if n in fit.at.drive.values and n not in fit.at.free]
     if known is None or not names:
         return np.zeros_like(fit.covariance)
@@ -221,7 +228,7 @@ def _held(fit: Solved, known: Covariance | None) -> np.ndarray:
     return gain @ known.matrix[np.ix_(index, index)] @ gain.T
 
 
-def _lines(fit: Solved, before: Drive, after: Drive, line: np.ndarray, held: np.ndarray,
+def _parameter_lines(fit: InverseFit, before: Drive, after: Drive, line: np.ndarray, held: np.ndarray,
            structure: np.ndarray) -> tuple[tuple[Parameter, ...], Covariance | None, tuple[Finding, ...]]:
     """The lines of the table, with both parts of their std.
 
@@ -230,18 +237,18 @@ def _lines(fit: Solved, before: Drive, after: Drive, line: np.ndarray, held: np.
     names, own, k = fit.at.free, fit.at.own, len(fit.at.free)
     drive = replace(before, known_torques=fit.at.drive.known_torques)
     x, z, r = (np.concatenate([getattr(q, n) for q in fit.rows]) for n in ("slopes", "instruments", "residual"))
-    # By what the instruments see of the slopes; without instruments those themselves.
+    # The projection of the slopes on the instruments; without instruments the slopes themselves.
     seen = z @ np.linalg.lstsq(z, x, rcond=1e-12)[0] if k else x
     low, high = (np.array([drive.quantity(n).bounds[i] for n in names]) for i in (0, 1))
-    problem = Linear(names, low, high, int(np.count_nonzero(x.any(axis=1))), k)
+    problem = RegressionProblem(names, low, high, int(np.count_nonzero(x.any(axis=1))), k)
     normal = Normal(seen.T @ seen, (), (), -seen.T @ r, (), float(r @ r))
     solution = Solution(Point(fit.values, ()), normal, fit.steps, fit.converged)
-    plain, inside = covariance_of(problem, solution)[0], fit.inverse.any(axis=1)
+    plain, off_bound = covariance_of(problem, solution)[0], fit.inverse.any(axis=1)
     noise, parts = fit.covariance + held, np.zeros((k, k))
     parts[range(len(own)), range(len(own))] = structure**2
-    extra = np.where(inside[:, None] & inside & np.isfinite(plain), noise + parts - plain, 0.0)
+    extra = np.where(off_bound[:, None] & off_bound & np.isfinite(plain), noise + parts - plain, 0.0)
     lines, _, findings = parameters_of(problem, solution, drive, fit.at.drive, extra)
-    noise, found, kept = line @ noise @ line.T, [], []
+    noise, found, fitted = line @ noise @ line.T, [], []
     for p in lines:
         if p.name in drive.known_torques:
             continue
@@ -252,16 +259,16 @@ def _lines(fit: Solved, before: Drive, after: Drive, line: np.ndarray, held: np.
             p = replace(p, value=value, std=std, std_noise=float(np.sqrt(max(noise[j, j], 0.0))),
                         std_structure=float(structure[j]),
                         ci95=(max(value - Z95 * std, lowest), min(value + Z95 * std, highest)))
-            kept.append(j)
+            fitted.append(j)
         found.append(replace(p, value=after.values.get(p.name, p.value)))
-    matrix = (noise + np.diag(structure**2))[np.ix_(kept, kept)]
-    covariance = Covariance(tuple(own[j] for j in kept), matrix) if kept else None
+    matrix = (noise + np.diag(structure**2))[np.ix_(fitted, fitted)]
+    covariance = Covariance(tuple(own[j] for j in fitted), matrix) if fitted else None
     return tuple(found), covariance, tuple(f for f in findings if not any(n in f.text for n in drive.known_torques))
 
 
-def _torque_figures(fit: Solved, alone: Inverse,
-                    ) -> tuple[TorqueFit, dict[str, float | int | None], tuple[Exhibit, ...]]:
-    """How well the motion asks for the torque, over what the filter lets pass, and its picture.
+def _torque_figures(fit: InverseFit, alone: InverseRegression,
+                    ) -> tuple[TorqueFit, dict[str, float | int | None], tuple[PlotData, ...]]:
+    """How well the required torque fits the logged one, in the filter's passband, and its picture.
 
     alone  the drive without laws
     """
@@ -276,48 +283,49 @@ def _torque_figures(fit: Solved, alone: Inverse,
                              for e, q in zip(fit.at.experiments, found, strict=True))
 
 
-def _outcome(fit: Solved, reference: str | None) -> str:
+def _outcome_sentence(fit: InverseFit, reference: str | None) -> str:
     how = "converged" if fit.converged else "stopped"
     band = fit.at.seen.each[0].smoothing.cutoff / fit.at.experiments[0].step
-    by = f"with instruments from {reference}" if fit.at.foreseen else "by least squares"
+    by = f"with instruments from {reference}" if fit.at.predicted else "by least squares"
     return f"{how} after {fit.steps} steps, {by}, torque over motion up to {band:.3g} Hz"
 
 
-def _without(p: Parameter) -> Parameter:
+def _without_interval(p: Parameter) -> Parameter:
     why = "the motion explains nothing of the torque"
-    return p if p.status == "held" else p.untold(why)
+    return p if p.status == "held" else p.without_interval(why)
 
 
-def _no_instrument(why: str) -> Finding:
+def _no_instrument_finding(why: str) -> Finding:
     return Finding(
-        "note", "no-instrument",
+        "note", "weak-instrument",
         f"There is no valid instrument, since {why}: noise that the loop feeds back is in the motion as well as in "
-        "the torque. The parameters are those of least squares, and std_structure has "
-        "what that may do to them.", {},
-        "Log what the outermost loop is asked for: reference_angle, reference_speed or reference_torque.")
+        "the torque. The parameters are those of least squares, and std_structure contains "
+        "a bound of their bias.", {},
+        "Log the reference of the outermost loop: reference_angle, reference_speed or reference_torque.")
 
 
-def _weak(reference: str, f: float) -> Finding:
+def _weak_instrument_finding(reference: str, f: float) -> Finding:
     return Finding(
         "warning", "weak-instrument",
-        f"{reference} foretells too little of the acceleration to be an instrument (first-stage F {f:.3g}, "
-        f"{WEAK:g} is enough). The parameters are those of least squares.",
+        f"{reference} predicts too little of the acceleration to be an instrument (first-stage F {f:.3g}, "
+        f"{MIN_FIRST_STAGE_F:g} is enough). The parameters are those of least squares.",
         {"first_stage_f": f}, "Record a reference that the drive follows, or a larger excitation.")
 
 
-def _of_feedback(experiments: Sequence[Experiment], sensor: str) -> list[Finding]:
-    """A command that does not answer the motion is its cause: then the motion is the question."""
+def _open_loop_findings(experiments: Sequence[Experiment], sensor: str) -> list[Finding]:
+    """A torque command without feedback from the motion is its cause: then simulating the motion fits better."""
     f = feedback_in(experiments, sensor)
-    if f.there or f.new < NEW or any(e.torque_is != "command" for e in experiments):
+    if f.significant or f.innovation_share < MIN_UNPREDICTED_POWER or any(e.torque_is != "command"
+                                                                          for e in experiments):
         return []
     return [Finding(
-        "note", "torque-is-the-cause",
-        "The torque does not answer the motion: it was given, and the motion followed. A fit that simulates the "
+        "note", "torque-without-feedback",
+        "The torque does not depend on the motion: it was commanded open loop. A fit that simulates the "
         "motion uses more of this record.", {}, "Compare with --criterion auto.")]
 
 
-def _nothing(relative: float) -> Finding:
+def _explains_nothing_finding(relative: float) -> Finding:
     return Finding(
         "failure", "explains-nothing",
-        f"The motion explains nothing of the logged torque: what is left has {relative:.2f} of its standard "
+        f"The motion explains nothing of the logged torque: the residual has {relative:.2f} of its standard "
         "deviation.", {"error_over_sd": relative}, "Check the channels, units and signs; run drivetool inspect.")

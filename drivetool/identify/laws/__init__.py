@@ -1,6 +1,6 @@
-"""Which explanation of a record the default fit takes, and which laws the drive lacks.
+"""Which candidate the default fit of a record takes, and which laws the drive lacks.
 
-Outcomes of rival fits come in. The explanation, its structure part of the uncertainty and the laws found go out.
+Outcomes of rival fits come in. The chosen candidate, the structural part of its uncertainty and the laws go out.
 """
 
 import lazy_loader

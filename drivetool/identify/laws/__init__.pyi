@@ -1,7 +1,38 @@
-from .explanation import Explanation as Explanation, explained as explained, told as told
-from .foretold import FOLDS as FOLDS, GAIN as GAIN, MOST as MOST, foretelling as foretelling
-from .influence import SLACK as SLACK, sandwich as sandwich, scores_of as scores_of, sized as sized
-from .laws import PEAK as PEAK, Law as Law, library as library, model_error as model_error, weighty as weighty
-from .left_out import can_be_asked as can_be_asked, lack_of as lack_of, without_shaft as without_shaft
-from .own_parameters import nearest_line as nearest_line, within_bounds as within_bounds
-from .third_mass import grown as grown, split_off as split_off, tip_names as tip_names
+from .explanation import (
+    Explanation as Explanation,
+    default_fit as default_fit,
+    with_total_uncertainty as with_total_uncertainty,
+)
+from .influence import (
+    FEW_BLOCKS_FACTOR as FEW_BLOCKS_FACTOR,
+    sandwich_covariance as sandwich_covariance,
+    scores_of as scores_of,
+    with_standard_deviations as with_standard_deviations,
+)
+from .law_selection import (
+    FOLDS as FOLDS,
+    MAX_LAWS as MAX_LAWS,
+    MIN_LAW_GAIN as MIN_LAW_GAIN,
+    forward_selection as forward_selection,
+)
+from .laws import (
+    STRIBECK_NAME as STRIBECK_NAME,
+    Law as Law,
+    law_library as law_library,
+    model_error as model_error,
+    significant_laws as significant_laws,
+)
+from .missing_structure import (
+    can_be_tested as can_be_tested,
+    find_missing_structure as find_missing_structure,
+    report_missing_structure as report_missing_structure,
+)
+from .projected_parameters import (
+    projected_within_bounds as projected_within_bounds,
+    projection_of_laws as projection_of_laws,
+)
+from .third_mass import (
+    third_mass_names as third_mass_names,
+    third_mass_score_test as third_mass_score_test,
+    with_split_load as with_split_load,
+)

@@ -1,7 +1,7 @@
-"""What differs where a gap is crossed: contacts make the likelihood rough, and free runs chaotic in a second.
+"""What differs where a gap is crossed: contacts give the likelihood many local optima, and free runs diverge.
 
-A filter that is straight about its state is wrong while it may be on either side of a contact. So its likelihood
-finds laws that are none, and may come to rest far away. Free runs that are short enough for few contacts see both.
+A filter that is linearised about its state is wrong while the state may be on either side of a contact. So its
+likelihood finds spurious laws and distant local optima. Free runs short enough for few contacts reveal both.
 """
 
 from __future__ import annotations
@@ -11,51 +11,54 @@ from dataclasses import replace
 import numpy as np
 
 from drivetool.identify.laws.fit_with_laws import near
-from drivetool.identify.laws.judge import Judge
-from drivetool.identify.noise import settle, until_settled
+from drivetool.identify.laws.free_run_test import FreeRunTest
+from drivetool.identify.noise import polish, until_converged
 from drivetool.identify.setup import Outcome, Task
-from drivetool.identify.starts import agrees, apart
+from drivetool.identify.starts import log_likelihood_distance, start_agrees
 
-# Over the error of free runs with laws, from which that without them confirms the laws. What is no law changes it
-# by less than a tenth, also in wrong optima; a cogging torque of 5 % changed it by a factor of fifteen.
-CONFIRMED = 1.2
-MORE = 4  # fits in a row, until one settles
-LIKELIER = 1.0  # log likelihood: less is no other optimum
-SAME = 1e-6  # relative, of all values: without noise any two points lie far apart in log likelihood
+# Free-run error without laws over that with them, from which the laws are confirmed. A spurious law changes it by
+# less than a tenth, also in local optima; a cogging torque of 5 % changed it by a factor of fifteen.
+MIN_CONFIRMING_ERROR_RATIO = 1.2
+MAX_REPEATED_FITS = 4  # fits in a row until one converges; a choice that bounds the time of a fit that does not
+# Log likelihood, a choice: a smaller difference is no other optimum but incomplete convergence.
+MIN_OTHER_OPTIMUM_GAIN = 1.0
+SAME_VALUE_TOLERANCE = 1e-6  # relative, of all values: without noise any two points differ much in log likelihood
 
 
-def confirmed(judge: Judge, without: Outcome, with_them: Outcome) -> bool:
-    """Whether free runs are the better for the laws; of a record that shows no motion none is confirmed."""
+def laws_confirmed(judge: FreeRunTest, without: Outcome, with_them: Outcome) -> bool:
+    """Whether the laws reduce the error of free runs; on a record without motion none is confirmed."""
     if not judge.straight(without.task) > 0.0:
         return False
     before, after = (judge.error(o.task.at_point(o.solution.point)) for o in (without, with_them))
-    return before > CONFIRMED * after
+    return before > MIN_CONFIRMING_ERROR_RATIO * after
 
 
-def was_confirmed(outcome: Outcome) -> bool:
-    """Whether a second start of a search came to the same place; a fit from a place that was confirmed counts."""
-    return sum(agrees(outcome, s) for s in outcome.starts) > 1 or not any("apart" in s for s in outcome.starts)
+def optimum_confirmed(outcome: Outcome) -> bool:
+    """Whether a second start of a search reached the same optimum; a fit from a confirmed optimum counts."""
+    return sum(start_agrees(outcome, s) for s in outcome.starts) > 1 or not any("apart" in s
+                                                                                for s in outcome.starts)
 
 
-def from_free_runs(best: Outcome, task: Task) -> Outcome:
-    """The fit, or a likelier one from where free runs are fitted best; their starts tell whether both agree.
+def restart_from_free_runs(best: Outcome, task: Task) -> Outcome:
+    """The fit, or a likelier one started from the fit to free runs; the starts say whether both agree.
 
     best  by innovations
     task  at the values that free runs find
     """
     other = near(task, best)
-    if best.converged and not other.converged and other.fit.value < best.fit.value - LIKELIER:
-        fit = settle(other.problem, until_settled(other.problem, other.fit, MORE))
+    if best.converged and not other.converged and other.fit.value < best.fit.value - MIN_OTHER_OPTIMUM_GAIN:
+        fit = polish(other.problem, until_converged(other.problem, other.fit, MAX_REPEATED_FITS))
         other = replace(other, solution=fit.solution, fit=fit, converged=fit.converged)
-    same = np.allclose(other.solution.point.values, best.solution.point.values, rtol=SAME, atol=0.0)
-    first, second = (best, other) if same or other.fit.value > best.fit.value - LIKELIER else (other, best)
+    same = np.allclose(other.solution.point.values, best.solution.point.values, rtol=SAME_VALUE_TOLERANCE, atol=0.0)
+    first, second = ((best, other) if same or other.fit.value > best.fit.value - MIN_OTHER_OPTIMUM_GAIN
+                     else (other, best))
     reached = dict(zip(first.task.free, second.solution.point.values.tolist(), strict=True))
-    behind = 0.0 if same else max(float(second.fit.value - first.fit.value), 0.0)
+    loss = 0.0 if same else max(float(second.fit.value - first.fit.value), 0.0)
     entry = {"way": "free runs" if second is other else "search", "reached": reached,
-             "minus_log_likelihood_above_best": behind,
-             "apart": 0.0 if same else apart(first.problem, first.solution, second.solution)}
+             "minus_log_likelihood_above_best": loss,
+             "apart": 0.0 if same else log_likelihood_distance(first.problem, first.solution, second.solution)}
     own = {"way": "best" if first is best else "free runs", "minus_log_likelihood_above_best": 0.0, "apart": 0.0,
            "reached": dict(zip(first.task.free, first.solution.point.values.tolist(), strict=True))}
-    # Of another optimum, or of a drive with more free than was searched, the starts of the search say nothing.
-    alike = first is best and all(set(s.get("reached", ())) == set(best.task.free) for s in best.starts)
-    return replace(first, starts=(*((alike and best.starts) or (own,)), entry))
+    # For another optimum, or a drive with more free parameters than were searched, the search's starts say nothing.
+    keeps_starts = first is best and all(set(s.get("reached", ())) == set(best.task.free) for s in best.starts)
+    return replace(first, starts=(*((keeps_starts and best.starts) or (own,)), entry))

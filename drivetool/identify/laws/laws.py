@@ -1,6 +1,6 @@
-"""Laws that a drive may lack, as torques that its motion foretells: taken out as known torques, each with a factor.
+"""Laws that a drive may lack, as torques over its motion: removed as known torques, each with a factor.
 
-A law is a nuisance here, not a parameter of the drive: `diagnose` finds and names causes.
+A law is a nuisance here, not a parameter of the drive: `diagnose` identifies causes.
 """
 
 from __future__ import annotations
@@ -16,32 +16,34 @@ from drivetool.identify.estimate import FoundLaw
 from drivetool.identify.motion import Motion, Motions
 from drivetool.logs import Experiment
 
-PEAK = "Stribeck friction"  # as these laws begin
-WIDTHS = (0.02, 0.05, 0.1, 0.2)  # of a Stribeck peak, over the top speed: a decade in steps of two
-BOTH_WAYS = 0.02  # of the time in each direction, as Coulomb friction asks
-PLACES = 64  # of a period
-# Share of its power that a wave over the angle may have as a constant: what hardly turns has the inertia and idle
-# torque of the drive in it, measured noise and all, and no period to be told by.
-CONSTANT = 0.5
-WEIGHTY = 0.01  # of the torque a law, of its value a disagreement: less is not spoken of
-HARMONICS = range(3, 41)  # of the angle, above the two that gravity and a crank have
+STRIBECK_NAME = "Stribeck friction"  # as the names of these laws begin
+STRIBECK_WIDTHS = (0.02, 0.05, 0.1, 0.2)  # of a Stribeck peak, over the top speed: a decade in steps of two
+# Of the time in each direction, a choice: less leaves Coulomb friction and idle torque collinear.
+MIN_DIRECTION_SHARE = 0.02
+ANGLE_BINS = 64  # bins of a period, a choice: fine against the harmonics 1 and 2, coarse enough to be visited
+# Share of its power that a wave over the angle may have as a constant. A drive that hardly turns does not identify
+# the period: such a wave is collinear with inertia and idle torque.
+MAX_CONSTANT_SHARE = 0.5
+# Of the torque for a law, of the value for a disagreement; a choice: less is not reported.
+MIN_REPORTED_SHARE = 0.01
+TORQUE_HARMONICS = range(3, 41)  # of the angle, above the two that gravity and a crank have
 
 
 Part = Literal["friction", "inertia", "idle torque", "nothing"]
-UNFELT = "the drive does not feel the noise of the logged torque"
+MEASUREMENT_NOISE = "the drive does not feel the noise of the logged torque"
 
 
 @dataclass(frozen=True)
 class Law:
     """A torque that brakes a body, over its motion.
 
-    name     words for a person
+    name     as reported
     columns  one array (n, m) per experiment, of size one; NaN outside its segments
     of       what of the body it is a part of: friction that is alike in both directions, inertia, or the idle
              torque, of which it has the mean; or nothing
     inertia  (m,) of which it has this share
     body     that it brakes
-    parameter  of the drive that it is, to be freed in its place
+    parameter  of the drive that the law is equal to, to be freed in its place
     """
 
     name: str
@@ -57,23 +59,23 @@ class Law:
         return self.columns[0].shape[1]
 
 
-def unfelt(noise: Sequence[np.ndarray]) -> tuple[Law, ...]:
-    """Noise of the log of the motor's torque as a law, if there is any.
+def measurement_noise_law(noise: Sequence[np.ndarray]) -> tuple[Law, ...]:
+    """Measurement noise of the logged motor torque as a law, if there is any.
 
     noise  per experiment (n,) what is likely to be noise of the logged torque
     """
     size = float(np.sqrt(np.mean(np.concatenate(noise) ** 2)))
-    return (Law(UNFELT, tuple(n[:, None] / size for n in noise), "nothing"),) if size > 0.0 else ()
+    return (Law(MEASUREMENT_NOISE, tuple(n[:, None] / size for n in noise), "nothing"),) if size > 0.0 else ()
 
 
-def library(seen: Motions, turns: bool, body: str = "motor", among: str = "") -> tuple[Law, ...]:
+def law_library(body_motions: Motions, turns: bool, body: str = "motor", name_suffix: str = "") -> tuple[Law, ...]:
     """Every law over the motion of a body.
 
     turns  whether it turns, so that its torque may repeat with the angle
     body   whose motion it is
     among  what is added to the names, so that they say which body it is
     """
-    motions, top = seen.each, seen.top
+    motions, top = body_motions.each, body_motions.top
     longest = max(m.time[-1] - m.time[0] for m in motions)
     found = []
 
@@ -86,7 +88,7 @@ def library(seen: Motions, turns: bool, body: str = "motor", among: str = "") ->
         size = np.sqrt(np.nanmean(np.concatenate(columns) ** 2, axis=0))
         if np.all(np.isfinite(size)) and np.all(size > 1e-9 * np.nanmax(np.abs(np.concatenate(columns)))):
             share = None if inertia is None else inertia / size
-            found.append(Law(name + among, tuple(c / size for c in columns), part, share, body, parameter))
+            found.append(Law(name + name_suffix, tuple(c / size for c in columns), part, share, body, parameter))
 
     if turns_back(motions):
         law("friction differs by direction", lambda m, v, t: [np.abs(v)])
@@ -94,11 +96,12 @@ def library(seen: Motions, turns: bool, body: str = "motor", among: str = "") ->
     if body != "motor":
         law("dry friction", lambda m, v, t: [m.side], "friction", parameter=f"{body}.coulomb")
     law("friction grows with the square of the speed", lambda m, v, t: [v * np.abs(v)], "friction")
-    for w in WIDTHS:
-        law(f"{PEAK} below {w:g} of the top speed",
+    for w in STRIBECK_WIDTHS:
+        law(f"{STRIBECK_NAME} below {w:g} of the top speed",
             lambda m, v, t, w=w: [m.side * np.exp(-(v / w) ** 2)], "friction")
     law("the torque drifts", lambda m, v, t: [t])
-    orders = [k for k in (1, 2, *HARMONICS) if turns and np.sum(_mean_over_angles(motions, k) ** 2) < CONSTANT]
+    orders = [k for k in (1, 2, *TORQUE_HARMONICS) if turns
+              and np.sum(_mean_over_angles(motions, k) ** 2) < MAX_CONSTANT_SHARE]
     for k, name in ((1, "inertia changes once a turn"), (2, "inertia changes with the angle")):
         if k in orders:
             law(name, lambda m, v, t, k=k: [
@@ -112,9 +115,9 @@ def library(seen: Motions, turns: bool, body: str = "motor", among: str = "") ->
 
 
 def turns_back(motions: Sequence[Motion]) -> bool:
-    """Whether the motor turns both ways: with one direction what differs by direction is friction itself."""
-    side = np.concatenate([np.where(m.slow, 0.0, m.side) for m in motions])  # noise turns what stands both ways
-    return bool(min(np.mean(side > 0.0), np.mean(side < 0.0)) > BOTH_WAYS)
+    """Whether the motor turns both ways: with one direction, a part that differs by it is friction itself."""
+    side = np.concatenate([np.where(m.slow, 0.0, m.side) for m in motions])  # at standstill the sign is noise
+    return bool(min(np.mean(side > 0.0), np.mean(side < 0.0)) > MIN_DIRECTION_SHARE)
 
 
 def _mean_over_angles(motions: Sequence[Motion], order: int) -> np.ndarray:
@@ -123,27 +126,27 @@ def _mean_over_angles(motions: Sequence[Motion], order: int) -> np.ndarray:
     Over time it would follow the motion, whose acceleration is larger where the inertia is less.
     """
     phase = order * np.concatenate([m.angle for m in motions]) / (2.0 * np.pi)
-    place = np.unique(np.floor(np.mod(phase[np.isfinite(phase)], 1.0) * PLACES))
-    middle = 2.0 * np.pi * (place + 0.5) / PLACES
-    return np.array([np.cos(middle).mean(), np.sin(middle).mean()])
+    bins = np.unique(np.floor(np.mod(phase[np.isfinite(phase)], 1.0) * ANGLE_BINS))
+    centres = 2.0 * np.pi * (bins + 0.5) / ANGLE_BINS
+    return np.array([np.cos(centres).mean(), np.sin(centres).mean()])
 
 
-def weighty(laws: Sequence[FoundLaw], experiments: Sequence[Experiment]) -> dict[str, float]:
-    """The laws that are much of the motor's torque, each with its share of that."""
+def significant_laws(laws: Sequence[FoundLaw], experiments: Sequence[Experiment]) -> dict[str, float]:
+    """The laws with more than a hundredth of the motor's torque, each with its share."""
     torque = np.concatenate([e.signals["motor_torque"][a:b] for e in experiments for a, b in e.segments])
     size = float(np.sqrt(np.mean(torque**2)))
     return {law.name: float(np.linalg.norm(law.factors)) / size for law in laws
-            if np.linalg.norm(law.factors) > WEIGHTY * size}
+            if np.linalg.norm(law.factors) > MIN_REPORTED_SHARE * size}
 
 
-def model_error(heavy: Mapping[str, float], guess: str | None = None) -> Finding:
-    """What is said of a drive that lacks something.
+def model_error(shares: Mapping[str, float], guess: str | None = None) -> Finding:
+    """The finding on a drive model that lacks a law.
 
-    heavy  laws with their shares of the torque; guess: the one that it is, None: the largest
+    heavy  laws with their shares of the torque; guess: the one to report, None: the largest
     """
-    guess = guess or (max(heavy, key=heavy.__getitem__) if heavy else None)
+    guess = guess or (max(shares, key=shares.__getitem__) if shares else None)
     text = "The model lacks something physical" + (f" (best guess: {guess})" if guess else "")
     return Finding(
         "warning", "model-error", f"{text}; a noise model would hide it.",
-        {f"share of the torque: {n}": s for n, s in heavy.items()},
+        {f"share of the torque: {n}": s for n, s in shares.items()},
         "Run diagnose on this file; intervals, where there are any, include what the explanations disagree in.")

@@ -1,7 +1,7 @@
-"""The inverse-dynamics regression of one body as a candidate and referee of the default fit.
+"""The inverse-dynamics regression of one body as a candidate of the default fit.
 
-Without a noise model and without start values: less accurate than a fit of innovations where that one is right, and
-a witness where it is not.
+It needs no noise model and no start values. It is less accurate than an innovations fit whose noise model is right,
+and an independent estimate where that is wrong.
 """
 
 from __future__ import annotations
@@ -12,10 +12,10 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from drivetool.identify.laws.laws import Law
-from drivetool.identify.motion import Motions, Rows, change_of, equations, influence_of, inverse_of, stands
+from drivetool.identify.motion import Motions, Rows, at_standstill, change_of, equations, influence_of, inverse_of
 from drivetool.identify.setup import Task
 
-COLUMNS = ("motor.inertia", "motor.viscous", "motor.coulomb", "motor.idle_torque")
+REGRESSION_PARAMETERS = ("motor.inertia", "motor.viscous", "motor.coulomb", "motor.idle_torque")
 
 
 @dataclass(frozen=True)
@@ -31,11 +31,11 @@ class Regression:
     influence: np.ndarray
 
 
-def regressable(task: Task) -> bool:
+def is_regressable(task: Task) -> bool:
     """Whether the drive is one body on which nothing but inertia, friction and idle torque acts."""
     drive = task.drive
     known = {n for n, v in drive.values.items() if v != drive.quantity(n).neutral} | set(task.free)
-    return task.roles.inputs == ("motor_torque",) and len(drive.bodies) == 1 and known <= set(COLUMNS)
+    return task.roles.inputs == ("motor_torque",) and len(drive.bodies) == 1 and known <= set(REGRESSION_PARAMETERS)
 
 
 def regress(task: Task, seen: Motions, laws: Sequence[Law] = ()) -> Regression:
@@ -46,10 +46,10 @@ def regress(task: Task, seen: Motions, laws: Sequence[Law] = ()) -> Regression:
     rows = []
     for i, (e, m) in enumerate(zip(task.experiments, seen.each, strict=True)):
         columns = np.column_stack([np.empty((e.size, 0)), *(law.columns[i] for law in laws)])
-        q = equations(e, drive, names, seen, m, stands(m.slow), dict(zip(factors, columns.T, strict=True)))
+        q = equations(e, drive, names, seen, m, at_standstill(m.slow), dict(zip(factors, columns.T, strict=True)))
         rows.append(Rows(q.residual[q.used], q.slopes[q.used], q.slopes[q.used]))
     inverse = inverse_of(rows)
     change = change_of(rows, inverse)
-    left = [replace(r, residual=r.residual - r.slopes @ change) for r in rows]
+    residuals = [replace(r, residual=r.residual - r.slopes @ change) for r in rows]
     values = np.array([drive.value(n) or 0.0 for n in names]) + change
-    return Regression(names, values, influence_of(left, inverse))
+    return Regression(names, values, influence_of(residuals, inverse))

@@ -1,5 +1,5 @@
-"""Inverse dynamics without a fit: smoothed motion, the torque it asks for, filtered equations, instruments, the
-linear estimate.
+"""Inverse dynamics without a fit: smoothed motion, required torque, filtered equations, instruments, the linear
+estimate.
 
 Experiments and a drive come in. Equations and their solution go out.
 """

@@ -1,19 +1,19 @@
-from .chain_torque import begins as begins, behind as behind
+from .chain_torque import initial_transient as initial_transient, torque_of_chain as torque_of_chain
 from .filtered_equations import (
-    ROUNDED as ROUNDED,
+    CONSTANT_TORQUE_TOLERANCE as CONSTANT_TORQUE_TOLERANCE,
     Equations as Equations,
     TorqueFit as TorqueFit,
+    at_standstill as at_standstill,
     equations as equations,
+    near_reversal as near_reversal,
     smoothed as smoothed,
-    stands as stands,
     torque_fit as torque_fit,
     torque_picture as torque_picture,
-    turns as turns,
 )
-from .instruments import foretold as foretold, reference_of as reference_of
+from .instruments import predicted_by_reference as predicted_by_reference, reference_of as reference_of
 from .linear import (
-    BLOCKS as BLOCKS,
-    ORDER as ORDER,
+    AUTOREGRESSION_ORDER as AUTOREGRESSION_ORDER,
+    INFLUENCE_BLOCKS as INFLUENCE_BLOCKS,
     Rows as Rows,
     autoregression as autoregression,
     beyond_stationary as beyond_stationary,
@@ -24,7 +24,7 @@ from .linear import (
 )
 from .motion import (
     NOISE_SHARE as NOISE_SHARE,
-    SURE as SURE,
+    SIGN_SIGNIFICANCE as SIGN_SIGNIFICANCE,
     Motion as Motion,
     Motions as Motions,
     Smoothing as Smoothing,
@@ -32,4 +32,4 @@ from .motion import (
     motions_of as motions_of,
     motions_through as motions_through,
 )
-from .required_torque import first_body as first_body, logged_as_it_acts as logged_as_it_acts
+from .required_torque import check_no_signal_path as check_no_signal_path, first_body as first_body

@@ -1,7 +1,7 @@
-"""The torque that the chain behind the motor asks for while the motor is moved as it was measured.
+"""The torque that the chain behind the motor requires while the motor moves as measured.
 
-The motor is given an inertia that no torque of the chain can move, and the torque which then makes its motion: so
-the kernel of the simulation serves, with its gaps, its sticking and its sensitivities.
+The motor gets an inertia that no torque of the chain can move, and the torque that then makes its motion. So the
+simulation kernel can be used, with its gaps, its stiction and its sensitivities.
 """
 
 from __future__ import annotations
@@ -14,20 +14,22 @@ import numpy as np
 from drivetool.drive import Drive, Layout
 from drivetool.drive.simulation import Plant, Trace, plant_of
 from drivetool.identify.motion.motion import Motion
-from drivetool.identify.motion.required_torque import Part
+from drivetool.identify.motion.required_torque import TorquePart
 from drivetool.identify.setup import Roles, first_states
 from drivetool.logs import Experiment
 
-# Times all inertias of the chain: what its torques move of the motor then is a rounding error of its motion.
-IMPOSED = 1e14
-FADED = 1e-4  # of its stiffness, below which a shaft's torque does not know any more how it began
+# Times all inertias of the chain: the motion of the motor by the chain's torques is then below rounding.
+IMPOSED_INERTIA_FACTOR = 1e14
+# Of the stiffness: sensitivity of a shaft's torque to its initial twist at which the transient ends. A choice: far
+# below the noise of a logged torque.
+TRANSIENT_THRESHOLD = 1e-4
 
 
-def behind(drive: Drive, free: tuple[str, ...], e: Experiment, motion: Motion,
-           inputs: Mapping[str, np.ndarray]) -> Part:
+def torque_of_chain(drive: Drive, free: tuple[str, ...], e: Experiment, motion: Motion,
+           inputs: Mapping[str, np.ndarray]) -> TorquePart:
     """Torque at the motor, means over the samples' intervals, and its derivatives.
 
-    drive    a chain with values; free: names of its k free parameters; none: no sensitivities are worked out
+    drive    a chain with values; free: names of its k free parameters; empty: no sensitivities
     inputs   role -> (n,) torques on the other bodies
     """
     own = tuple(n for n in free if not n.startswith(f"{drive.bodies[0]}."))
@@ -36,31 +38,32 @@ def behind(drive: Drive, free: tuple[str, ...], e: Experiment, motion: Motion,
     for part, run in _runs(drive, own, e, motion, inputs):
         if own:
             out, jacobian = run.plant.jacobian(run.trace, run.start)
-            slopes[part, columns] = _mean(jacobian[:, 0, :len(own)])
+            slopes[part, columns] = _interval_mean(jacobian[:, 0, :len(own)])
         else:
             out = run.plant.outputs(run.trace, run.start)
-        value[part] = _mean(out[:, 0])
+        value[part] = _interval_mean(out[:, 0])
     name = f"{drive.shafts[0]}.ratio"
     ratio = drive.value(name)
     if name in free:
         slopes[:, free.index(name)] -= value / ratio
-    return Part(value / ratio, slopes / ratio)
+    return TorquePart(value / ratio, slopes / ratio)
 
 
-def begins(drive: Drive, e: Experiment, motion: Motion, inputs: Mapping[str, np.ndarray]) -> np.ndarray:
-    """(n,) whether the first shaft still shows in which state the chain began, by the sensitivity of its torque."""
+def initial_transient(drive: Drive, e: Experiment, motion: Motion, inputs: Mapping[str, np.ndarray]) -> np.ndarray:
+    """(n,) whether a sample is in the chain's initial transient, by the sensitivity of the first shaft's torque."""
     found = np.zeros(e.size, bool)
     for part, run in _runs(drive, (), e, motion, inputs):
         _, jacobian = run.plant.jacobian(run.trace, run.start)
         twist = run.plant.system.nq + len(drive.bodies)
-        shows = np.flatnonzero(np.abs(jacobian[:, 0, twist]) > FADED * drive.values[f"{drive.shafts[0]}.stiffness"])
+        shows = np.flatnonzero(np.abs(
+            jacobian[:, 0, twist]) > TRANSIENT_THRESHOLD * drive.values[f"{drive.shafts[0]}.stiffness"])
         found[part.start:part.start + (shows[-1] + 1 if len(shows) else 0)] = True
     return found
 
 
 @dataclass(frozen=True)
 class _Run:
-    """A stretch of a record as the kernel runs it."""
+    """A stretch of a record as the kernel simulates it."""
 
     plant: Plant
     trace: Trace
@@ -69,8 +72,8 @@ class _Run:
 
 def _runs(drive: Drive, own: tuple[str, ...], e: Experiment, motion: Motion,
           inputs: Mapping[str, np.ndarray]) -> Iterator[tuple[slice, _Run]]:
-    """Every stretch in which the motion is known."""
-    motor, moved = drive.bodies[0], _imposed(drive)
+    """Each stretch with a known motion."""
+    motor, moved = drive.bodies[0], _with_imposed_motion(drive)
     roles = Roles(("motor_torque", *inputs), ("shaft_torque",))
     plant = plant_of(moved, Layout(own, roles.inputs, roles.outputs, e.step))
     for first, last in e.segments:
@@ -86,17 +89,17 @@ def _runs(drive: Drive, own: tuple[str, ...], e: Experiment, motion: Motion,
         yield part, _Run(plant, trace, first_states(moved, roles, [trace], own)[0])
 
 
-def _imposed(drive: Drive) -> Drive:
-    """The drive whose motor goes its way, without friction of its own."""
+def _with_imposed_motion(drive: Drive) -> Drive:
+    """The drive with an imposed motor motion, without the motor's own friction."""
     motor = drive.bodies[0]
     values = {n: v for n, v in drive.values.items() if not n.startswith(f"{motor}.")}
-    inertia = IMPOSED * max(sum(drive.inertias()), 1e-9)
+    inertia = IMPOSED_INERTIA_FACTOR * max(sum(drive.inertias()), 1e-9)
     return replace(drive, values={**values, f"{motor}.inertia": inertia, **{
         f"{motor}.{s}": 0.0 for s in ("viscous", "coulomb", "idle_torque")}})
 
 
-def _mean(values: np.ndarray) -> np.ndarray:
-    """Over the interval that follows each sample."""
+def _interval_mean(values: np.ndarray) -> np.ndarray:
+    """Mean over the interval that follows each sample."""
     found = values.copy()
     found[:-1] = 0.5 * (values[:-1] + values[1:])
     return found

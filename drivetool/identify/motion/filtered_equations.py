@@ -1,4 +1,4 @@
-"""The filtered equations of inverse dynamics: what the motor's torque has over what the motion asks for."""
+"""The filtered equations of inverse dynamics: the motor's torque minus the torque that the motion requires."""
 
 from __future__ import annotations
 
@@ -8,24 +8,28 @@ from dataclasses import dataclass
 import numpy as np
 
 from drivetool.drive import Drive
-from drivetool.identify.estimate import Exhibit, fit_percent
-from drivetool.identify.motion.motion import ORDER, Motion, Motions
-from drivetool.identify.motion.required_torque import Part, asked
+from drivetool.identify.estimate import PlotData, fit_percent
+from drivetool.identify.motion.motion import LOW_PASS_ORDER, Motion, Motions
+from drivetool.identify.motion.required_torque import TorquePart, required_torque_of
 from drivetool.logs import Experiment
 from drivetool.logs.samples import low_pass
 
-ROUNDED = 1e-9  # of a torque's root mean square: what varies by less is constant
-MOST_TURNING = 0.5  # of a recording about reversals, up to which they are left out
-STANDING = 0.05  # of standstill in what the filter mixes into a sample, from which it is left out
+# Of a torque's root mean square: a smaller variation is rounding, and the torque constant.
+CONSTANT_TORQUE_TOLERANCE = 1e-9
+# Share of a recording about reversals up to which they are left out. A choice: half must remain
+MAX_REVERSAL_SHARE = 0.5
+# Share of standstill in a filtered sample from which it is left out. A choice: a twentieth biases friction by less
+# than its uncertainty; zero would drop samples a whole filter length around each standstill.
+MAX_STANDSTILL_SHARE = 0.05
 
 
 @dataclass(frozen=True)
 class Equations:
     """One equation per sample of a recording, all filtered alike.
 
-    torque    (n,) of the motor; residual: what is left of it
-    slopes    (n, k) of what the motion asks for over the free parameters
-    used      (n,) whether the sample tells something: measured, no standstill, no transient of the filter
+    torque    (n,) of the motor; residual: minus the required torque
+    slopes    (n, k) derivatives of the required torque over the free parameters
+    used      (n,) whether the sample counts: measured, no standstill, no transient of the filter
     """
 
     torque: np.ndarray
@@ -36,7 +40,7 @@ class Equations:
 
 @dataclass(frozen=True)
 class TorqueFit:
-    """How well a motion asks for the torque, over the samples that are used.
+    """Agreement of the required with the logged torque, over the samples that are used.
 
     fit_percent  100 (1 - error over standard deviation), NaN of a constant torque
     rmse         in the torque's unit; over_rms, over_sd: over the torque's root mean square and standard deviation
@@ -51,50 +55,51 @@ class TorqueFit:
 
 def torque_fit(found: Sequence[Equations]) -> TorqueFit:
     """The figures of recordings together."""
-    torque, left = (np.concatenate([v[q.used] for v, q in zip(each, found, strict=True)]) for each in (
+    torque, residual = (np.concatenate([v[q.used] for v, q in zip(each, found, strict=True)]) for each in (
         [q.torque for q in found], [q.residual for q in found]))
-    error, rms, sd = (float(np.sqrt(np.mean(v**2))) for v in (left, torque, torque - torque.mean()))
-    constant = sd <= ROUNDED * rms
-    return TorqueFit(fit_percent(torque, torque - left), error, error / rms if rms else np.inf,
+    error, rms, sd = (float(np.sqrt(np.mean(v**2))) for v in (residual, torque, torque - torque.mean()))
+    constant = sd <= CONSTANT_TORQUE_TOLERANCE * rms
+    return TorqueFit(fit_percent(torque, torque - residual), error, error / rms if rms else np.inf,
                      1.0 if constant else error / sd, len(torque))
 
 
-def torque_picture(e: Experiment, q: Equations, title: str) -> Exhibit:
-    """The torque as logged, and as the motion asks for it."""
-    return Exhibit("record", title, "time [s]", f"motor torque [{e.torque_unit}]", {
+def torque_picture(e: Experiment, q: Equations, title: str) -> PlotData:
+    """The torque as logged, and as the motion requires it."""
+    return PlotData("record", title, "time [s]", f"motor torque [{e.torque_unit}]", {
         "measured": (e.time, q.torque), "simulated": (e.time, np.where(q.used, q.torque - q.residual, np.nan)),
         "residual": (e.time, np.where(q.used, q.residual, np.nan))})
 
 
 def equations(e: Experiment, drive: Drive, free: tuple[str, ...], seen: Motions, motion: Motion,
-              standing: np.ndarray, inputs: Mapping[str, np.ndarray], more: Part | None = None) -> Equations:
+              standing: np.ndarray, inputs: Mapping[str, np.ndarray], more: TorquePart | None = None) -> Equations:
     """The equations of a recording at the drive's values.
 
-    drive     of one body; more: what the chain behind it asks for
-    seen      of which sensor; motion: that is asked for the torque
-    standing  (n,) where the body stands: there friction is whatever holds it
+    drive     of one body; more: the torque that the chain behind it requires
+    seen      motion by the sensor; motion: whose required torque is computed
+    standing  (n,) where the body stands: there friction takes any value that holds it
     inputs    role -> (n,) other torques
     source    Gautier, Janot and Vandanjon 2013: zero-phase filters, the same on both sides of the equation
     """
     is_angle = seen.lag > 0
-    a = asked(drive, free, motion, e.step, inputs)
-    rest = a.rest if more is None else Part(a.rest.value + more.value, a.rest.slopes + more.slopes)
+    required = required_torque_of(drive, free, motion, e.step, inputs)
+    rest = required.rest if more is None else TorquePart(
+        required.rest.value + more.value, required.rest.slopes + more.slopes)
 
     def low(values: np.ndarray) -> np.ndarray:
-        # Acceleration and speed come from a motion that is smooth already; nothing else does.
+        # Acceleration and speed come from a motion that is already smoothed; other torques do not.
         return smoothed(values, e, motion, is_angle)
 
     def weighed(values: np.ndarray) -> np.ndarray:
-        # A second difference of the angle weighs three torques so.
-        return _weighed(values) if is_angle else values
+        # A second difference of the angle weights three torques in this way.
+        return _three_point_mean(values) if is_angle else values
 
-    # Where the motion is a straight line between what was measured, it tells nothing of the torque.
+    # Where the motion is interpolated between measured samples, it has no information on the torque.
     torque, share = (low(np.where(motion.known, v, np.nan)) for v in (e.signals["motor_torque"], standing))
-    value = a.accelerating.value + weighed(a.sliding.value) + low(rest.value)
+    value = required.accelerating.value + weighed(required.sliding.value) + low(rest.value)
     slopes = np.column_stack([np.empty((e.size, 0)), *(
         one + weighed(two) + low(three) for one, two, three in zip(
-            a.accelerating.slopes.T, a.sliding.slopes.T, rest.slopes.T, strict=True))])
-    used = np.isfinite(torque + value) & np.isfinite(slopes).all(axis=1) & (share < STANDING)
+            required.accelerating.slopes.T, required.sliding.slopes.T, rest.slopes.T, strict=True))])
+    used = np.isfinite(torque + value) & np.isfinite(slopes).all(axis=1) & (share < MAX_STANDSTILL_SHARE)
     edge = int(1.0 / motion.smoothing.cutoff) + 1
     for first, last in e.segments:  # the filter's own transient
         used[first:first + edge] = used[max(last - edge, first):last] = False
@@ -102,31 +107,31 @@ def equations(e: Experiment, drive: Drive, free: tuple[str, ...], seen: Motions,
 
 
 def smoothed(values: np.ndarray, e: Experiment, motion: Motion, is_angle: bool) -> np.ndarray:
-    """(n,) torques as the equations have them, for a motion that an angle or a speed shows."""
-    found = low_pass(values, e.segments, motion.smoothing.cutoff, ORDER)
-    return _weighed(found) if is_angle else found
+    """(n,) torques filtered as in the equations, for a motion measured by an angle or a speed."""
+    found = low_pass(values, e.segments, motion.smoothing.cutoff, LOW_PASS_ORDER)
+    return _three_point_mean(found) if is_angle else found
 
 
-def turns(motion: Motion) -> np.ndarray:
-    """(n,) where the filter has rounded a reversal, at which dry friction is a step: as long as its own transient.
+def near_reversal(motion: Motion) -> np.ndarray:
+    """(n,) where the filter smooths the step of dry friction at a reversal: as long as its own transient.
 
-    Nowhere where the body turns so often that most of the record would be left out.
+    Nowhere if the body reverses so often that most of the record would be left out.
     """
     side = np.sign(np.nan_to_num(motion.speed))
     reach = int(1.0 / motion.smoothing.cutoff) + 1
     turned = np.concatenate([[False], side[1:] * side[:-1] < 0.0])
     found = np.convolve(turned, np.ones(2 * reach + 1), "same") > 0.5
-    return found & (np.mean(found) < MOST_TURNING)
+    return found & (np.mean(found) < MAX_REVERSAL_SHARE)
 
 
-def stands(slow: np.ndarray) -> np.ndarray:
-    """Where a neighbour is slow as well: a reversal at speed is no standstill."""
+def at_standstill(slow: np.ndarray) -> np.ndarray:
+    """Where a neighbour is slow as well: a fast reversal is no standstill."""
     beside = np.concatenate([slow[1:2], slow[:-1]]) | np.concatenate([slow[1:], slow[-1:]])
     return slow & beside
 
 
-def _weighed(values: np.ndarray) -> np.ndarray:
-    """Each with a quarter of its neighbours."""
+def _three_point_mean(values: np.ndarray) -> np.ndarray:
+    """Half of each sample plus a quarter of each neighbour."""
     found = np.full(len(values), np.nan)
     found[1:-1] = 0.25 * (values[:-2] + values[2:]) + 0.5 * values[1:-1]
     return found

@@ -1,7 +1,7 @@
-"""The motion as the reference of the loop foretells it: noise of sensor and torque is in the one it fed back into.
+"""The motion as the reference of the loop predicts it: an instrument without the noise that the loop feeds back.
 
-The reference is not moved by noise. Regressed on it and its past, the measured motion splits into what the
-reference makes of it and the rest; the first serves as instrument, and no knowledge of the controller is needed.
+The reference contains no noise. A regression on the reference and its past splits the measured motion into the
+predicted part and the rest. The predicted part is the instrument, and the controller need not be known.
 """
 
 from __future__ import annotations
@@ -17,19 +17,19 @@ from drivetool.logs import Experiment
 
 REFERENCES = ("reference_angle", "reference_speed", "reference_torque")
 # Memories of a loop, in samples: a drive's loop is sampled four to two hundred times in its slowest time constant.
-MEMORIES = np.geomspace(4.0, 200.0, 5)
+LOOP_TIME_CONSTANTS = np.geomspace(4.0, 200.0, 5)
 
 
 def reference_of(experiments: Sequence[Experiment], sensor: str) -> tuple[str | None, str]:
     """(the reference that every recording has, None: there is no valid one; why not).
 
-    It must move, and not answer the sensor: what an outer loop asks for has the sensor's noise in it.
+    It must move, and not depend on the sensor: the reference from an outer loop contains the sensor's noise.
     """
     there = [r for r in REFERENCES if all(r in e.signals and _moves(e, r) for e in experiments)]
-    valid = [r for r in there if not feedback_in(experiments, sensor, r).there]
+    valid = [r for r in there if not feedback_in(experiments, sensor, r).significant]
     if valid:
         return valid[0], ""
-    return None, f"{there[0]} answers the motion, as what an outer loop asks for" if there else (
+    return None, f"{there[0]} depends on the motion, as the output of an outer loop" if there else (
         "no reference of the loop is logged")
 
 
@@ -38,14 +38,15 @@ def _moves(e: Experiment, role: str) -> bool:
     return bool(np.isfinite(values).any() and np.nanmax(values) > np.nanmin(values))
 
 
-def foretold(experiments: Sequence[Experiment], sensor: str, reference: str) -> tuple[tuple[Experiment, ...], int]:
-    """(the experiments with what the reference foretells in place of the sensor's signal, numbers fitted for that).
+def predicted_by_reference(experiments: Sequence[Experiment], sensor: str,
+                           reference: str) -> tuple[tuple[Experiment, ...], int]:
+    """(the experiments with the prediction by the reference as sensor signal, number of fitted coefficients).
 
     sensor     role that is replaced; reference: role, of the same motion or a torque
     source     Van den Hof and Schrama 1993, the first of their two stages
     """
-    each, own = [_columns(e, sensor, reference) for e in experiments], 2 * len(experiments)
-    # A zero and a drift of each recording's own.
+    each, own = [_reference_regressors(e, sensor, reference) for e in experiments], 2 * len(experiments)
+    # An offset and a drift of each recording's own.
     columns = [np.column_stack([shared, np.zeros((e.size, own))])
                for e, (shared, _) in zip(experiments, each, strict=True)]
     for i, (e, c) in enumerate(zip(experiments, columns, strict=True)):
@@ -62,14 +63,14 @@ def foretold(experiments: Sequence[Experiment], sensor: str, reference: str) -> 
     return made, len(factors)
 
 
-def _columns(e: Experiment, sensor: str, reference: str) -> tuple[np.ndarray, np.ndarray]:
-    """((n, m) what a loop may make of the reference, (n,) the reference itself in the sensor's unit)."""
+def _reference_regressors(e: Experiment, sensor: str, reference: str) -> tuple[np.ndarray, np.ndarray]:
+    """((n, m) regressors from the reference, (n,) the reference itself in the sensor's unit)."""
     of_angle = reference.endswith("angle")
     given, found = np.full(e.size, np.nan), []
     for first, last in e.segments:
         part = slice(first, last)
-        value = _bridged(e.signals[reference][part])
-        columns = np.column_stack([c for s in _shapes(value, e.step, reference) for c in _remembered(s)])
+        value = _gaps_held(e.signals[reference][part])
+        columns = np.column_stack([c for s in _torque_components(value, e.step, reference) for c in _low_passed(s)])
         if reference.endswith("torque"):
             value = np.zeros(len(value))
         if of_angle and sensor.endswith("speed"):
@@ -84,8 +85,8 @@ def _columns(e: Experiment, sensor: str, reference: str) -> tuple[np.ndarray, np
     return columns, given
 
 
-def _shapes(value: np.ndarray, step: float, reference: str) -> tuple[np.ndarray, ...]:
-    """Torque that a reference asks for: of an angle by its speed, direction and acceleration."""
+def _torque_components(value: np.ndarray, step: float, reference: str) -> tuple[np.ndarray, ...]:
+    """Signals that the required torque of a reference consists of: speed, acceleration and direction."""
     if reference.endswith("torque"):
         return (value,)
     speed = np.gradient(value, step) if reference.endswith("angle") else value
@@ -93,17 +94,17 @@ def _shapes(value: np.ndarray, step: float, reference: str) -> tuple[np.ndarray,
     return speed, np.gradient(speed, step), side
 
 
-def _remembered(shape: np.ndarray) -> list[np.ndarray]:
-    """A signal, and what memories of several lengths keep of it."""
+def _low_passed(shape: np.ndarray) -> list[np.ndarray]:
+    """A signal, and its low-pass filtered versions with several time constants."""
     found = [shape]
-    for samples in MEMORIES:
+    for samples in LOOP_TIME_CONSTANTS:
         p = np.exp(-1.0 / samples)
         found.append(lfilter([1.0 - p], [1.0, -p], shape, zi=[p * shape[0]])[0])
     return found
 
 
-def _bridged(values: np.ndarray) -> np.ndarray:
-    """Without missing values: a reference stays until the next."""
+def _gaps_held(values: np.ndarray) -> np.ndarray:
+    """The values with gaps filled: a reference holds until the next value."""
     known = np.isfinite(values)
     if known.all() or not known.any():
         return np.nan_to_num(values)

@@ -1,6 +1,6 @@
-"""The smoothed motion of the motor over the samples' intervals: what laws and the regression are functions of.
+"""The smoothed motion of the motor over the samples' intervals: the regressors of laws and of the regression.
 
-A torque is held from a sample to the next, so every figure here is a mean over that interval.
+A torque is held from a sample to the next, so each value here is a mean over that interval.
 """
 
 from __future__ import annotations
@@ -11,29 +11,31 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from drivetool.errors import NotEnoughData
-from drivetool.logs import Experiment, of_one_rate
-from drivetool.logs.samples import BRIDGED, low_pass
+from drivetool.logs import Experiment, group_by_rate
+from drivetool.logs.samples import MAX_BRIDGED_SAMPLES, low_pass
 
 # Sensor noise in the acceleration lowers the inertia of a regression by its share of the acceleration's power.
 NOISE_SHARE = 3e-3
-HIGHEST, LOWER, LOWEST = 0.2, 0.7, 2e-3  # cut-offs tried, in cycles per sample
-ORDER = 3
-TOP = 0.8  # of the Nyquist frequency, above which there is nothing but noise
-SURE = 3.0  # standard deviations of the speed's noise below which its sign is not known
-STANDS = 5e-3  # of the top speed, below which a body stands
-BAND = np.linspace(0.0, 0.5, 2049)[1:]  # cycles per sample
+MAX_CUTOFF, CUTOFF_FACTOR, MIN_CUTOFF = 0.2, 0.7, 2e-3  # cut-offs tried, in cycles per sample
+LOW_PASS_ORDER = 3
+# Of the Nyquist frequency, above which the spectrum is noise. A choice: a drive hardly moves there
+NOISE_BAND_START = 0.8
+SIGN_SIGNIFICANCE = 3.0  # standard deviations of the speed's noise below which its sign is not significant (99.7 %)
+# Of the top speed, below which a body stands. A choice: below the speed of a slow plateau
+STANDSTILL_SPEED_SHARE = 5e-3
+FREQUENCY_GRID = np.linspace(0.0, 0.5, 2049)[1:]  # cycles per sample
 
 
 @dataclass(frozen=True)
 class Smoothing:
-    """A low-pass: its cut-off in cycles per sample, and the std of the noise that it leaves in the speed."""
+    """A low-pass: its cut-off in cycles per sample, and the std of the remaining noise of the speed."""
 
     cutoff: float
     speed_noise: float
 
     @property
     def window(self) -> int:
-        """Samples over which a mean lets pass what the low-pass does."""
+        """Samples of a mean with the bandwidth of the low-pass."""
         return max(round(0.4 / self.cutoff), 1)
 
 
@@ -43,9 +45,9 @@ class Motion:
 
     speed, acceleration, angle, side (of the sign of the speed)
     time     in the middle of the interval [s] from the start of the recording
-    slow     whether the sign of the speed is not known there, or the body stands
-    known    whether it was measured there; elsewhere it is a straight line between what was
-    smoothing  by which it is, as the sensor's noise at that sampling rate allows
+    slow     whether the sign of the speed is not significant, or the body stands
+    known    whether it was measured; elsewhere it is interpolated linearly
+    smoothing  the low-pass, as the sensor's noise at that sampling rate allows
     """
 
     speed: np.ndarray
@@ -75,9 +77,9 @@ class Motions:
 
 
 def motions_of(experiments: Sequence[Experiment], role: str) -> Motions:
-    """The motion of the body that a sensor is on.
+    """The motion of the body with a sensor.
 
-    raises  NotEnoughData: 50 values of the sensor in a row are not there
+    raises  NotEnoughData: 50 values of the sensor in a row are missing
     """
     smoothings = smoothings_of(experiments, role)
     pairs = list(zip(experiments, smoothings, strict=True))
@@ -92,9 +94,9 @@ def smoothings_of(experiments: Sequence[Experiment], role: str) -> list[Smoothin
     raises  NotEnoughData: nowhere is a stretch of 50 samples in a row
     """
     found: dict[int, Smoothing] = {}
-    for group in of_one_rate(experiments):
+    for group in group_by_rate(experiments):
         alike = [experiments[i] for i in group]
-        # What is too short by itself is smoothed like the others.
+        # Recordings that are too short by themselves are smoothed like the others.
         found |= dict.fromkeys(group, smoothing_of(alike if _runs(alike, role) else experiments, role))
     return [found[i] for i in range(len(experiments))]
 
@@ -106,17 +108,19 @@ def smoothing_of(experiments: Sequence[Experiment], role: str) -> Smoothing:
     """
     is_angle = role.endswith("angle")
     level, runs = _noise_level(experiments, role, is_angle)
-    difference = (2.0 * np.sin(np.pi * BAND)) ** 2 * level  # power of the noise, differenced once
-    cutoff = HIGHEST
+    difference = (2.0 * np.sin(np.pi * FREQUENCY_GRID)) ** 2 * level  # power of the noise, differenced once
+    cutoff = MAX_CUTOFF
     while True:
-        passed = 1.0 / (1.0 + (np.tan(np.pi * BAND) / np.tan(np.pi * cutoff)) ** (2 * ORDER)) ** 2
+        passed = 1.0 / (1.0
+                        + (np.tan(np.pi * FREQUENCY_GRID) / np.tan(np.pi * cutoff)) ** (2 * LOW_PASS_ORDER)) ** 2
         speed = float(np.mean(passed * (difference if is_angle else level)))
-        noise = float(np.mean(passed * difference * ((2.0 * np.sin(np.pi * BAND)) ** 2 if is_angle else 1.0)))
-        smooth = [low_pass(run, [(0, len(run))], cutoff, ORDER) for run in runs]
+        noise = float(np.mean(
+            passed * difference * ((2.0 * np.sin(np.pi * FREQUENCY_GRID)) ** 2 if is_angle else 1.0)))
+        smooth = [low_pass(run, [(0, len(run))], cutoff, LOW_PASS_ORDER) for run in runs]
         power = np.mean(np.concatenate([np.diff(s, 2 if is_angle else 1) for s in smooth]) ** 2)
-        if noise < NOISE_SHARE * power or LOWER * cutoff < LOWEST:
+        if noise < NOISE_SHARE * power or CUTOFF_FACTOR * cutoff < MIN_CUTOFF:
             return Smoothing(cutoff, np.sqrt(speed) / (experiments[0].step if is_angle else 1.0))
-        cutoff *= LOWER
+        cutoff *= CUTOFF_FACTOR
 
 
 def _noise_level(experiments: Sequence[Experiment], role: str, is_angle: bool) -> tuple[float, list[np.ndarray]]:
@@ -130,13 +134,13 @@ def _noise_level(experiments: Sequence[Experiment], role: str, is_angle: bool) -
         d = np.diff(run, order)
         spectrum = np.abs(np.fft.rfft(d * np.hanning(len(d)))) ** 2 / np.sum(np.hanning(len(d)) ** 2)
         angular = np.pi * np.arange(len(spectrum)) / (len(spectrum) - 1)
-        top = angular > TOP * np.pi
+        top = angular > NOISE_BAND_START * np.pi
         powers.append(spectrum[top] / (2.0 * np.sin(0.5 * angular[top])) ** (2 * order))
     return float(np.median(np.concatenate(powers)) / np.log(2.0)), runs
 
 
 def _runs(experiments: Sequence[Experiment], role: str) -> list[np.ndarray]:
-    """What a sensor gives without a break of at least 50 values."""
+    """Uninterrupted runs of at least 50 values of a sensor."""
     runs = []
     for e in experiments:
         for first, last in e.segments:
@@ -149,23 +153,23 @@ def _runs(experiments: Sequence[Experiment], role: str) -> list[np.ndarray]:
 def motion_of(experiment: Experiment, role: str, smoothing: Smoothing, top: float) -> Motion:
     """The motion of the body with that sensor; top: speed of the fastest recording."""
     e, n = experiment, experiment.size
-    smooth = low_pass(e.signals[role], e.segments, smoothing.cutoff, ORDER)
-    found, known = _nowhere(n), np.zeros(n, bool)
+    smooth = low_pass(e.signals[role], e.segments, smoothing.cutoff, LOW_PASS_ORDER)
+    found, known = _empty_motion(n), np.zeros(n, bool)
     for first, last in e.segments:
         part, measured = slice(first, last), np.isfinite(smooth[first:last])
         if measured.sum() < 4:
             continue
         place = np.arange(last - first)
         y = np.interp(place, place[measured], smooth[part][measured])
-        known[part] = _near(measured, BRIDGED)
+        known[part] = _bridgeable(measured, MAX_BRIDGED_SAMPLES)
         if role.endswith("angle"):
-            mean = _held(np.diff(y) / e.step)
+            mean = _last_repeated(np.diff(y) / e.step)
             ends = np.concatenate([mean[:1], 0.5 * (mean[1:] + mean[:-1])])  # speed at the samples
-            _fill(found, part, ends, e.step)
-            found["speed"][part], found["angle"][part] = mean, _held(0.5 * (y[1:] + y[:-1]))
+            _fill_from_speed(found, part, ends, e.step)
+            found["speed"][part], found["angle"][part] = mean, _last_repeated(0.5 * (y[1:] + y[:-1]))
         else:
-            _fill(found, part, y, e.step)
-    return _motion(found, e, smoothing, top, known)
+            _fill_from_speed(found, part, y, e.step)
+    return _completed_motion(found, e, smoothing, top, known)
 
 
 def motions_through(experiments: Sequence[Experiment], speeds: Sequence[np.ndarray], measured: Motions) -> Motions:
@@ -177,37 +181,37 @@ def motions_through(experiments: Sequence[Experiment], speeds: Sequence[np.ndarr
     top = float(np.quantile(np.abs(np.concatenate(speeds)), 0.99))
     each, left = [], list(speeds)
     for e, motor in zip(experiments, measured.each, strict=True):
-        found, known = _nowhere(e.size), np.zeros(e.size, bool)
+        found, known = _empty_motion(e.size), np.zeros(e.size, bool)
         for first, last in e.segments:
             # A stretch too short for a trace has no state.
             if left and len(left[0]) == last - first:
                 part = slice(first, last)
-                _fill(found, part, left.pop(0), e.step)
+                _fill_from_speed(found, part, left.pop(0), e.step)
                 known[part] = True
-        each.append(_motion(found, e, motor.smoothing, top, known))
+        each.append(_completed_motion(found, e, motor.smoothing, top, known))
     return replace(measured, each=tuple(each), top=top)
 
 
-def _nowhere(n: int) -> dict[str, np.ndarray]:
+def _empty_motion(n: int) -> dict[str, np.ndarray]:
     return {name: np.full(n, np.nan) for name in ("speed", "acceleration", "angle", "side")}
 
 
-def _fill(found: dict[str, np.ndarray], part: slice, ends: np.ndarray, step: float) -> None:
+def _fill_from_speed(found: dict[str, np.ndarray], part: slice, ends: np.ndarray, step: float) -> None:
     """Fill a stretch of a motion by the speed at the samples."""
-    mean = _held(0.5 * (ends[1:] + ends[:-1]))
+    mean = _last_repeated(0.5 * (ends[1:] + ends[:-1]))
     found["speed"][part] = mean
     found["angle"][part] = np.cumsum(mean) * step - 0.5 * mean * step
-    found["acceleration"][part] = _held(np.diff(ends) / step)
-    found["side"][part] = _held(_side(ends))
+    found["acceleration"][part] = _last_repeated(np.diff(ends) / step)
+    found["side"][part] = _last_repeated(_mean_sign(ends))
 
 
-def _motion(found: dict[str, np.ndarray], e: Experiment, smoothing: Smoothing, top: float,
+def _completed_motion(found: dict[str, np.ndarray], e: Experiment, smoothing: Smoothing, top: float,
             known: np.ndarray) -> Motion:
-    slow = ~(np.abs(found["speed"]) > max(SURE * smoothing.speed_noise, STANDS * top))
+    slow = ~(np.abs(found["speed"]) > max(SIGN_SIGNIFICANCE * smoothing.speed_noise, STANDSTILL_SPEED_SHARE * top))
     return Motion(**found, time=e.time + 0.5 * e.step, slow=slow, known=known, smoothing=smoothing)
 
 
-def _near(measured: np.ndarray, most: int) -> np.ndarray:
+def _bridgeable(measured: np.ndarray, most: int) -> np.ndarray:
     """Whether at most so many values are missing in a row there."""
     place = np.flatnonzero(measured)
     gaps = np.diff(place) - 1
@@ -217,12 +221,12 @@ def _near(measured: np.ndarray, most: int) -> np.ndarray:
     return found
 
 
-def _held(values: np.ndarray) -> np.ndarray:
-    """One more value: the last interval of a stretch is taken like the one before."""
+def _last_repeated(values: np.ndarray) -> np.ndarray:
+    """One more value: the last interval of a stretch repeats the one before."""
     return np.concatenate([values, values[-1:]])
 
 
-def _side(speed: np.ndarray) -> np.ndarray:
+def _mean_sign(speed: np.ndarray) -> np.ndarray:
     """Mean sign of the speed between samples, where it changes in proportion to time."""
     a, b = speed[:-1], speed[1:]
     span = np.abs(a) + np.abs(b)

@@ -1,6 +1,6 @@
-"""The torque that a motion asks of the motor: what every effect on its body adds, and its derivatives.
+"""The torque that a motion requires of the motor: the sum over all effects on its body, and its derivatives.
 
-The effects stamp their laws as for a simulation; here the motion is put into them.
+The effects stamp their laws as for a simulation; here they are evaluated at the motion.
 """
 
 from __future__ import annotations
@@ -11,16 +11,16 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from drivetool.drive import Assembly, Drive, Law, Layout, is_constant
-from drivetool.drive.arrays import PARAMETERS
+from drivetool.drive.arrays import MAX_LAW_PARAMETERS
 from drivetool.drive.effects import LAW_TORQUES
 from drivetool.errors import BadOption
 from drivetool.identify.motion.motion import Motion
 
-PATHS = ("converter.bandwidth", "converter.dead_time", "sensor.bandwidth")
+SIGNAL_PATHS = ("converter.bandwidth", "converter.dead_time", "sensor.bandwidth")
 
 
 @dataclass(frozen=True)
-class Part:
+class TorquePart:
     """A part of the torque: value (n,) and its derivatives (n, k) over the free parameters."""
 
     value: np.ndarray
@@ -28,45 +28,45 @@ class Part:
 
 
 @dataclass(frozen=True)
-class Asked:
-    """What a motion asks for, by how it follows from the motion.
+class RequiredTorque:
+    """The torque that a motion requires, by its dependence on the motion.
 
-    accelerating  in proportion to the acceleration; sliding: to the speed
-    rest          in any other way
+    accelerating  proportional to the acceleration; sliding: to the speed
+    rest          any other
     """
 
-    accelerating: Part
-    sliding: Part
-    rest: Part
+    accelerating: TorquePart
+    sliding: TorquePart
+    rest: TorquePart
 
 
 def first_body(drive: Drive) -> Drive:
-    """The motor's body alone, with all that acts on it."""
+    """The motor's body alone, with all torques on it."""
     body = drive.bodies[0]
     values = {n: v for n, v in drive.values.items() if n.startswith((f"{body}.", "friction."))}
     torques = tuple(n for n in drive.known_torques if n.startswith(f"{body}."))
     return replace(drive, bodies=(body,), shafts=(), values=values, known_torques=torques)
 
 
-def logged_as_it_acts(drive: Drive, free: Sequence[str]) -> None:
+def check_no_signal_path(drive: Drive, free: Sequence[str]) -> None:
     """Raise BadOption where a path lies between the log and the body."""
-    acting = [n for n in PATHS if n in free or drive.value(n) != drive.quantity(n).neutral]
-    acting += [n for n in drive.values if is_constant(n)]  # another one than the torque was made with
+    acting = [n for n in SIGNAL_PATHS if n in free or drive.value(n) != drive.quantity(n).neutral]
+    acting += [n for n in drive.values if is_constant(n)]  # not the constant that made the torque
     if acting:
         raise BadOption("torque and motion logged as they act, for --criterion inverse", ", ".join(acting),
-                        "Leave --criterion out: a simulation knows such a path.")
+                        "Leave --criterion out: a simulation models such a path.")
 
 
-def asked(drive: Drive, free: Sequence[str], motion: Motion, step: float,
-          inputs: Mapping[str, np.ndarray]) -> Asked:
-    """The torque of the motor that a motion of its body takes.
+def required_torque_of(drive: Drive, free: Sequence[str], motion: Motion, step: float,
+          inputs: Mapping[str, np.ndarray]) -> RequiredTorque:
+    """The torque of the motor that a motion of its body requires.
 
     drive    of one body, with values
     free     names of its k free parameters
     motion   means over the samples' intervals, each (n,)
     step     sample interval [s]
     inputs   role -> (n,) other torques on the body, known ones among them
-    returns  Asked, [N m] or the drive's unit
+    returns  RequiredTorque, [N m] or the drive's unit
     """
     layout = Layout(tuple(free), ("motor_torque", *inputs), ("motor_angle",), step)
     a = Assembly(drive, layout)
@@ -74,7 +74,7 @@ def asked(drive: Drive, free: Sequence[str], motion: Motion, step: float,
     state = {a.speed(0): motion.speed, a.states.index("angle"): motion.angle, a.constant: np.ones(n)}
     state |= {a.nx + 1 + i: values for i, values in enumerate(inputs.values())}
     mass = a.masses[0].jet()
-    accelerating = Part(mass[0] * motion.acceleration, np.outer(motion.acceleration, mass[1:1 + k]))
+    accelerating = TorquePart(mass[0] * motion.acceleration, np.outer(motion.acceleration, mass[1:1 + k]))
     sliding, rest = np.zeros((n, 1 + k)), np.zeros((n, 1 + k))
     for (row, column), factor in a.rows.items():
         if row == 0 and column in state:
@@ -82,11 +82,11 @@ def asked(drive: Drive, free: Sequence[str], motion: Motion, step: float,
     for level in a.frictions.values():
         rest += np.outer(motion.side, level.jet()[:1 + k])
     for law in a.laws:
-        rest -= _of_law(law, state, motion, k)
-    return Asked(accelerating, *(Part(p[:, 0], p[:, 1:]) for p in (sliding, rest)))
+        rest -= _torque_of_law(law, state, motion, k)
+    return RequiredTorque(accelerating, *(TorquePart(p[:, 0], p[:, 1:]) for p in (sliding, rest)))
 
 
-def _of_law(law: Law, state: Mapping[int, np.ndarray], motion: Motion, k: int) -> np.ndarray:
+def _torque_of_law(law: Law, state: Mapping[int, np.ndarray], motion: Motion, k: int) -> np.ndarray:
     """(n, 1 + k) torque of a smooth law at every sample, and its derivatives."""
     torque, n = LAW_TORQUES[law.name], len(motion.speed)
     arguments = np.zeros((2, n, 1 + k))
@@ -95,7 +95,7 @@ def _of_law(law: Law, state: Mapping[int, np.ndarray], motion: Motion, k: int) -
             arguments[i] += np.outer(state[column], factor.jet()[:1 + k])
     parameters = np.array([p.jet()[:1 + k] for p in law.parameters])
     side = motion.side if law.slides else np.ones(n)
-    out, found = np.zeros((n, 3 + PARAMETERS)), np.zeros((n, 1 + k))
+    out, found = np.zeros((n, 3 + MAX_LAW_PARAMETERS)), np.zeros((n, 1 + k))
     for i in np.flatnonzero(np.isfinite(motion.speed)):
         torque(arguments[0, i, 0], arguments[1, i, 0], motion.time[i], side[i], parameters, out[i])
     found[:, 0] = out[:, 0]

@@ -1,6 +1,7 @@
 """The noise model of the innovations fit.
 
-A problem comes in. The likelihood, its figures by scoring, and the fit under frozen extended-Kalman gains go out.
+A problem comes in. The likelihood, noise parameters by scoring, and the fit under frozen extended-Kalman gains go
+out.
 """
 
 import lazy_loader

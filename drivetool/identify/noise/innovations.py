@@ -1,9 +1,9 @@
-"""The innovations fit: one-step errors under frozen extended-Kalman gains.
+"""The innovations fit: one-step prediction errors under frozen extended-Kalman gains.
 
-Gains are computed at the current estimate over the whole record, frozen during a
-Levenberg-Marquardt fit with exact sensitivities, then the ratio of torque to sensor noise is
-re-estimated by maximum likelihood, and so on until nothing moves. Under torque noise a plain
-simulation-error fit states intervals that hold a few per cent of the time; this one's hold.
+Each round computes the gains at the current estimate over the whole record, and freezes them during a
+Levenberg-Marquardt fit with exact sensitivities. Then it re-estimates the ratio of torque to sensor noise by
+maximum likelihood. Rounds end when nothing moves. Under torque noise, intervals of a plain simulation-error fit
+hold in a few per cent of the cases; these hold.
 """
 
 from __future__ import annotations
@@ -13,30 +13,36 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from drivetool.drive.simulation import Filtered, Gains
+from drivetool.drive.simulation import Filtered, ObserverGains
 from drivetool.identify.noise.noise import (
     Noise,
     filtered,
     fit_ratio,
     likelier_ratio,
     minus_log_likelihood,
-    with_state,
+    with_disturbance_state,
 )
 from drivetool.identify.problem import Point, Problem, Solution, schur, solve
 
-WORSE = 5.0  # by which a later round may raise the -log likelihood: it serves the restricted one
-EARLY, HOPELESS = 2, 1000.0  # rounds after which a fit that far above what is wanted is given up
-# Later rounds take few steps: across a gap the frozen-gain cost has other valleys to run off to.
-FEW = 4
-ANEW = 5  # rounds after which the noise is sought everywhere again: near the last, one that is none takes a dozen
+# Rise of the -log likelihood that a later round may cause, since it minimises the restricted one. A choice: above
+# their usual difference, below that of two local optima.
+MAX_LIKELIHOOD_LOSS = 5.0
+# Rounds after which a fit is given up that lies so far above the wanted -log likelihood. A choice: the first round
+# is not representative, and no later one gains a thousand.
+MIN_ROUNDS_BEFORE_ABANDONING, ABANDON_EXCESS = 2, 1000.0
+# Steps of later rounds: across a gap the cost under frozen gains has other local optima, to which many steps lead.
+MAX_LATER_STEPS = 4
+# Rounds between searches of the noise ratio over its whole range: near the last value alone, a ratio that tends to
+# zero takes a dozen rounds.
+WHOLE_RANGE_PERIOD = 5
 
 
 @dataclass(frozen=True)
 class Fit:
-    """Where a fit ended.
+    """The end of a fit.
 
     value   -log likelihood; passes: the last Kalman pass per trace
-    gain    by how much the last three rounds lowered the value; a settled fit has stopped doing so
+    gain    decrease of the value in the last three rounds; small for a converged fit
     """
 
     solution: Solution
@@ -54,100 +60,101 @@ class Fit:
 
 
 def fit_innovations(problem: Problem, point: Point, noise: Noise | None = None, *,
-                    linear: Problem | None = None, most: int = 12, arrived: bool = False,
-                    wanted: float = np.inf, renewed: bool = True) -> Fit:
+                    linear: Problem | None = None, max_rounds: int = 12, near_optimum: bool = False,
+                    wanted: float = np.inf, estimate_noise: bool = True) -> Fit:
     """Fit from a point.
 
-    noise    first guess; None: estimated at the start point, where a large ratio found for a bad
-             start makes the fit easy and so acts as a continuation
-    linear   the problem whose gains are used in the first round instead of its own: without gap
-             and friction they are constant, a second way into the optimum
+    noise    first guess; None: estimated at the start point. There a bad start gives a large ratio, which makes the
+             fit easy and so acts as a continuation
+    linear   the problem whose gains are used in the first rounds instead of its own: without gap and friction they
+             are constant, a second path to the optimum
     arrived  the point is near its optimum: few steps a round from the beginning
-    wanted   -log likelihood to be reached: what is far above it after a few rounds is given up
-    renewed  whether the noise is estimated too; else it stays as it is given
+    wanted   -log likelihood to be reached: a fit far above it after a few rounds is given up
+    renewed  whether the noise is estimated too; else it stays as given
     returns  Fit
     """
     if noise is None:
         noise = fit_ratio(problem, point, Noise(1.0, None, problem.scale))
     best: Fit | None = None
     rounds, lowest, before = 0, [], np.inf
-    for rounds in range(1, most + 1):
+    for rounds in range(1, max_rounds + 1):
         source = linear if linear is not None and rounds <= 2 else problem
         gains = [f.gains for f in filtered(source, point, noise)]
-        solution = _solve(problem, point, gains, noise, rounds + 2 if arrived else rounds)
-        moved = _distance(problem, point, solution)
+        solution = _solve_round(problem, point, gains, noise, rounds + 2 if near_optimum else rounds)
+        moved = _distance_in_std(problem, point, solution)
         solution = _backed_off(problem, point, solution, noise)
         point = solution.point
-        settled = arrived or rounds >= 2
-        wide = (rounds == 2 and not arrived) or rounds % ANEW == 0
-        around = None if wide and noise.memory is None else noise.ratio
-        fresh = fit_ratio(problem, point, noise, around, settled) if renewed else noise
-        fresh = _sensor_scales(problem, point, fresh) if renewed else noise
+        converged = near_optimum or rounds >= 2
+        whole_range = (rounds == 2 and not near_optimum) or rounds % WHOLE_RANGE_PERIOD == 0
+        around = None if whole_range and noise.memory is None else noise.ratio
+        fresh = fit_ratio(problem, point, noise, around, converged) if estimate_noise else noise
+        fresh = _sensor_scales(problem, point, fresh) if estimate_noise else noise
         change = abs(np.log(fresh.ratio / noise.ratio))
         noise = fresh
         passes = filtered(problem, point, noise, keep=False)
         value = minus_log_likelihood(passes)
-        if rounds >= EARLY and value > wanted + HOPELESS:
+        if rounds >= MIN_ROUNDS_BEFORE_ABANDONING and value > wanted + ABANDON_EXCESS:
             break
-        still = moved < 0.05 and (change < 0.05 or (bool(lowest) and abs(value - before) < 0.02))
+        at_rest = moved < 0.05 and (change < 0.05 or (bool(lowest) and abs(value - before) < 0.02))
         before = value
         lowest.append(min(value, lowest[-1]) if lowest else value)
-        if best is None or value < best.value + WORSE:
+        if best is None or value < best.value + MAX_LIKELIHOOD_LOSS:
             best = Fit(solution, noise, value, tuple(passes), rounds, 0.0, False)
-        if still and rounds >= (2 if arrived else 3) and source is problem:
+        if at_rest and rounds >= (2 if near_optimum else 3) and source is problem:
             return replace(best, rounds=rounds, converged=True)
     gain = lowest[-4] - lowest[-1] if len(lowest) > 3 else np.inf
     return replace(best, rounds=rounds, gain=float(gain))
 
 
-def until_settled(problem: Problem, fit: Fit, runs: int) -> Fit:
-    """The fit, gone on with where it was stopped before it came to rest: on its way the noise is not its own.
+def until_converged(problem: Problem, fit: Fit, runs: int) -> Fit:
+    """The fit, continued if it was stopped before it converged: until then the noise is not its own.
 
-    runs  of further fits at most
+    runs  maximum number of further fits
     """
     for _ in range(runs):
         if fit.converged:
             break
-        fit = fit_innovations(problem, fit.point, fit.noise, arrived=True)
+        fit = fit_innovations(problem, fit.point, fit.noise, near_optimum=True)
     return fit
 
 
-def settle(problem: Problem, fit: Fit) -> Fit:
-    """Repeat the last round with a tight tolerance, so that two ways in end in the same digits.
+def polish(problem: Problem, fit: Fit) -> Fit:
+    """Repeat the last round with a tight tolerance, so that two paths end at the same digits.
 
-    Before that, the noise is sought everywhere once more.
+    Before that, the noise ratio is searched over its whole range once more.
     """
-    fit = sought_everywhere(problem, fit)
+    fit = with_global_noise_search(problem, fit)
     gains = [f.gains for f in filtered(problem, fit.point, fit.noise)]
-    solution = solve(problem.with_memory(fit.noise.memory), with_state(fit.point, fit.noise),
+    solution = solve(problem.with_memory(fit.noise.memory), with_disturbance_state(fit.point, fit.noise),
                      gains, relative=1e-11)
-    solution = replace(solution, point=_without_state(problem, solution.point, fit.noise))
+    solution = replace(solution, point=_without_disturbance_state(problem, solution.point, fit.noise))
     passes = filtered(problem, solution.point, fit.noise, keep=False)
     value = minus_log_likelihood(passes)
-    if value > fit.value + WORSE:
+    if value > fit.value + MAX_LIKELIHOOD_LOSS:
         return fit
     return replace(fit, solution=solution, passes=tuple(passes), value=value)
 
 
-def sought_everywhere(problem: Problem, fit: Fit) -> Fit:
-    """The fit, or one from a noise ratio that is likelier: the last rounds looked near their own only."""
+def with_global_noise_search(problem: Problem, fit: Fit) -> Fit:
+    """The fit, or one from a likelier noise ratio: the last rounds searched near their own ratio only."""
     elsewhere = likelier_ratio(problem, fit.point, fit.noise)
     if elsewhere is None:
         return fit
-    further = fit_innovations(problem, fit.point, elsewhere, arrived=True)
+    further = fit_innovations(problem, fit.point, elsewhere, near_optimum=True)
     # The plain likelihood may be worse by a little where the restricted one is better.
-    return further if further.value < fit.value + WORSE else fit
+    return further if further.value < fit.value + MAX_LIKELIHOOD_LOSS else fit
 
 
-def _solve(problem: Problem, point: Point, gains: Sequence[Gains], noise: Noise, rounds: int) -> Solution:
+def _solve_round(problem: Problem, point: Point, gains: Sequence[ObserverGains], noise: Noise,
+                 rounds: int) -> Solution:
     tolerance = 1e-5 if rounds == 1 else 1e-7  # `settle` does the last digits
-    solution = solve(problem.with_memory(noise.memory), with_state(point, noise), gains,
+    solution = solve(problem.with_memory(noise.memory), with_disturbance_state(point, noise), gains,
                      relative=tolerance, hold=problem.later if rounds == 1 else None,
-                     most=60 if rounds <= 2 else FEW)
-    return replace(solution, point=_without_state(problem, solution.point, noise))
+                     max_iterations=60 if rounds <= 2 else MAX_LATER_STEPS)
+    return replace(solution, point=_without_disturbance_state(problem, solution.point, noise))
 
 
-def _without_state(problem: Problem, point: Point, noise: Noise) -> Point:
+def _without_disturbance_state(problem: Problem, point: Point, noise: Noise) -> Point:
     if noise.memory is None:
         return point
     return Point(point.values, tuple(s[:-1] for s in point.starts))
@@ -156,12 +163,12 @@ def _without_state(problem: Problem, point: Point, noise: Noise) -> Point:
 def _backed_off(problem: Problem, before: Point, solution: Solution, noise: Noise) -> Solution:
     """The solution, or a point on the way to it, where the likelihood itself does not get worse.
 
-    Across a gap, frozen gains can lead to where new gains would tell another story.
+    Across a gap, frozen gains can lead to a point that new gains make unlikely.
     """
     def value(point: Point) -> float:
         return minus_log_likelihood(filtered(problem, point, noise, keep=False))
 
-    limit, share, point = value(before) + WORSE, 1.0, solution.point
+    limit, share, point = value(before) + MAX_LIKELIHOOD_LOSS, 1.0, solution.point
     while value(point) > limit and share > 0.05:
         share *= 0.4
         point = Point(before.values + share * (solution.point.values - before.values), tuple(
@@ -169,12 +176,12 @@ def _backed_off(problem: Problem, before: Point, solution: Solution, noise: Nois
     return solution if share == 1.0 else replace(solution, point=point)
 
 
-def _distance(problem: Problem, before: Point, solution: Solution) -> float:
-    """The furthest any parameter moved, in its standard deviations."""
+def _distance_in_std(problem: Problem, before: Point, solution: Solution) -> float:
+    """The largest move of a parameter, in its standard deviations."""
     if not len(before.values):
         return 0.0
     matrix, _, _ = schur(solution.normal)
-    if not np.all(np.isfinite(matrix)):  # where the model diverges nothing is known
+    if not np.all(np.isfinite(matrix)):  # the model diverges there
         return np.inf
     variance = solution.cost / max(problem.count - problem.unknowns, 1)
     size = np.sqrt(np.maximum(np.diag(matrix), 1e-200))
@@ -188,9 +195,9 @@ def _sensor_scales(problem: Problem, point: Point, noise: Noise) -> Noise:
     if len(noise.scale) == 1:
         return noise
     passes = filtered(problem, point, noise, keep=False)
-    spread = []
+    stds = []
     for m in range(len(noise.scale)):
         z = np.concatenate([f.innovations[:, m] / np.sqrt(f.variance[:, m]) for f in passes])
-        spread.append(np.sqrt(np.nanmean(z**2)))
-    scale = noise.scale * np.array(spread) / spread[0]
+        stds.append(np.sqrt(np.nanmean(z**2)))
+    scale = noise.scale * np.array(stds) / stds[0]
     return replace(noise, scale=scale)

@@ -9,16 +9,23 @@ import numpy as np
 from scipy.signal import lfilter
 
 from drivetool.drive.simulation import Filtered, Trace
-from drivetool.identify.noise.noise_scoring import Heard, heard, scored
+from drivetool.identify.noise.noise_scoring import NoiseLikelihood, likelihood_of_passes, minimise_by_scoring
 from drivetool.identify.problem import Normal, Point, Problem
 
-ENDLESS = 1e200  # error of a filter that ran away: its square is no number
-FAR = 1e30  # likelihood of what cannot be; finite, since parabolas subtract
-WIDEST, ODDS = 18.0, 16.0  # logarithms: of the ratio about the natural one, of other figures about one
-DECADES = np.linspace(-6.0, 2.0, 13)  # of the ratio about the natural one, over which it is looked for
-LIKELIER = 1.0  # log likelihood from which a ratio far off is worth another fit: intervals hardly move for less
-CLOSE = 2e-3  # of the logarithm of a ratio
-ENOUGH = 16_000  # samples that give a noise ratio to a few per cent
+# Error of a filter that diverges: its square overflows, so that the likelihood becomes infinite
+DIVERGED_ERROR = 1e200
+# -log likelihood in place of infinity: parabolas subtract, and a difference of infinities is no number.
+MAX_MINUS_LOG_LIKELIHOOD = 1e30
+# Bounds of logarithms: of the ratio about the natural one, of other parameters about zero. A choice: at these ends
+# (8 and 7 decades) the likelihood is flat, and exponentials are far from overflow.
+MAX_LOG_RATIO, MAX_LOG_ODDS = 18.0, 16.0
+# Decades of the ratio about the natural one over which it is searched. The spacing of 2/3 of a decade is below the
+# width of a likelihood peak; a ratio of 1e-6 is indistinguishable from none.
+RATIO_DECADES = np.linspace(-6.0, 2.0, 13)
+MIN_RATIO_GAIN = 1.0  # log likelihood from which a distant ratio gets another fit: intervals hardly move for less
+# Tolerance of the logarithm of a ratio: far below its standard deviation, a few per cent
+LOG_RATIO_TOLERANCE = 2e-3
+MAX_NOISE_SAMPLES = 16_000  # samples that give a noise ratio to a few per cent
 
 
 @dataclass(frozen=True)
@@ -26,12 +33,12 @@ class Noise:
     """Torque noise relative to sensor noise.
 
     ratio   std of the torque noise per sample over the std of the first sensor
-    memory  its correlation from sample to sample, of a problem over its `step`; None: white
+    memory  AR(1) pole: its correlation from sample to sample, of a problem over its `step`; None: white
     scale   (ny,) std of the sensors relative to the first
-    others  std of a torque noise on each further body, over that of the first sensor: no belief,
-            but what keeps the filter listening on the way from a rough start
-    slow    with a memory: white noise w from sample to sample, of which what is slower than the memory has this
-            share, below one, as what inexact flexible modes leave over has: d[k] = w[k] + z[k],
+    others  std of a torque noise on each further body, over that of the first sensor: no model of the noise, but
+            what keeps the filter's gains high on the way from a rough start
+    slow    low-frequency share, with a memory: noise w, white from sample to sample, below one for what is slower
+            than the memory, as in the residual of inexact flexible modes: d[k] = w[k] + z[k],
             z[k+1] = memory z[k] - (1 - slow) (1 - memory) w[k]. None: d[k+1] = memory d[k] + w[k]
     """
 
@@ -43,17 +50,17 @@ class Noise:
 
     @property
     def parameters(self) -> int:
-        """How many there are without the sensors'."""
+        """Number of noise parameters without those of the sensors."""
         return len(self.figures)
 
     @property
     def figures(self) -> np.ndarray:
-        """Logarithms of the ratio, of the odds of the memory and of the slow share, as far as there are any."""
+        """Logarithms of the ratio, of the odds of the AR(1) pole and of the low-frequency share, where present."""
         odds = [] if self.memory is None else [np.log(self.memory / (1.0 - self.memory))]
         return np.array([np.log(self.ratio), *odds, *([] if self.slow is None else [np.log(self.slow)])])
 
     def at(self, figures: np.ndarray) -> Noise:
-        """The noise with other figures; behind its own the logarithms of the further sensors' may follow."""
+        """The noise with other log parameters; the logarithms of the further sensors' scales may follow them."""
         further = np.exp(figures[self.parameters:])
         return replace(
             self, ratio=float(np.exp(figures[0])),
@@ -62,16 +69,16 @@ class Noise:
             scale=np.concatenate((self.scale[:1], further)) if len(further) else self.scale)
 
     def over(self, steps: float) -> Noise:
-        """The noise at a sampling interval that is so many times as long: it remembers for as long a time."""
+        """The noise at a sampling interval that is so many times as long: its correlation time stays."""
         return self if self.memory is None or steps == 1.0 else replace(self, memory=self.memory**steps)
 
     def bounds(self, middle: float) -> tuple[np.ndarray, np.ndarray]:
-        """Of `figures`, the ratio's about the logarithm of the natural one.
+        """Bounds of `figures`; those of the ratio are about the logarithm of the natural one.
 
-        A slow share above one, white noise beside noise that wanders, would take friction for noise.
+        A low-frequency share above one, white noise plus drifting noise, would take friction for noise.
         """
-        high = np.array([middle + WIDEST, ODDS, 0.0][:self.parameters])
-        return np.array([middle - WIDEST, -ODDS, -ODDS][:self.parameters]), high
+        high = np.array([middle + MAX_LOG_RATIO, MAX_LOG_ODDS, 0.0][:self.parameters])
+        return np.array([middle - MAX_LOG_RATIO, -MAX_LOG_ODDS, -MAX_LOG_ODDS][:self.parameters]), high
 
 
 def filtered(problem: Problem, point: Point, noise: Noise, keep: bool = True) -> list[Filtered]:
@@ -82,7 +89,7 @@ def filtered(problem: Problem, point: Point, noise: Noise, keep: bool = True) ->
     for t, start, plant in zip(problem.traces, point.starts, problem.plants(point.values, False),
                                strict=True):
         nx, noise = plant.nx, one.over(problem.steps(t))
-        extra, kick, covariance, white = np.zeros(nx), np.zeros(nx), np.zeros((nx, nx)), noise.ratio**2
+        extra, noise_input, covariance, white = np.zeros(nx), np.zeros(nx), np.zeros((nx, nx)), noise.ratio**2
         further = slice(1, problem.bodies)
         extra[further] = (noise.others * t.step / plant.system.mass[further, 0]) ** 2
         if noise.memory is not None:
@@ -91,32 +98,31 @@ def filtered(problem: Problem, point: Point, noise: Noise, keep: bool = True) ->
                 extra[-1] = white * (1.0 - noise.memory**2)
                 covariance[-1, -1], white = white, 0.0
             else:
-                kick[-1] = (noise.slow - 1.0) * (1.0 - noise.memory)
-                covariance[-1, -1] = white * kick[-1] ** 2 / (1.0 - noise.memory**2)
-        # Whether noise breaks loose what sticks depends on its size.
+                noise_input[-1] = (noise.slow - 1.0) * (1.0 - noise.memory)
+                covariance[-1, -1] = white * noise_input[-1] ** 2 / (1.0 - noise.memory**2)
+        # Whether noise breaks stiction depends on its size.
         unit = problem.sensor_std**2
         found = plant.filter(t, start, unit * noise.scale**2, unit * white, unit * extra, unit * covariance, keep,
-                             kick)
+                             noise_input)
         gains = replace(found.gains, weight=found.gains.weight * problem.sensor_std)
-        passes.append(_told(replace(found, gains=gains, variance=found.variance / unit), t))
+        passes.append(_with_divergence_marked(replace(found, gains=gains, variance=found.variance / unit), t))
     if problem.counts is None:
         return passes
-    return [_counted(f, mask) for f, mask in zip(passes, problem.counts, strict=True)]
+    return [_with_counted_errors(f, mask) for f, mask in zip(passes, problem.counts, strict=True)]
 
 
-def _counted(found: Filtered, mask: np.ndarray) -> Filtered:
-    """The pass with the errors of the samples that count alone."""
+def _with_counted_errors(found: Filtered, mask: np.ndarray) -> Filtered:
+    """The pass with the errors of the counted samples only."""
     weight = np.where(mask[:, None], found.gains.weight, 0.0)
     innovations = np.where(mask[:, None], found.innovations, np.nan)
     return replace(found, innovations=innovations, gains=replace(found.gains, weight=weight))
 
 
 def with_torque_noise(trace: Trace, noise: Noise, sensor_std: float, rng: np.random.Generator) -> Trace:
-    """The trace with torque noise on its first input, each sample's held as `filtered` has it.
+    """The trace with torque noise on its first input, held over each sample as in `filtered`.
 
-    The noise was there before the record: it begins as it goes on, with the variance of the steady state. It enters
-    with the command, through the converter, where the filter lets what has a memory act behind it: the two differ
-    above the bandwidth only.
+    The noise is stationary from the first sample on. It enters with the command, through the converter, whereas the
+    filter lets noise with a memory act behind the converter. The two differ above the bandwidth only.
 
     sensor_std  of the first sensor
     """
@@ -127,21 +133,21 @@ def with_torque_noise(trace: Trace, noise: Noise, sensor_std: float, rng: np.ran
         drawn, _ = lfilter([np.sqrt(1.0 - m**2)], [1.0, -m], white, zi=[m * rng.standard_normal()])
     else:  # w[k] + z[k]; the root is the std of z in the steady state
         loss = 1.0 - noise.slow
-        begun = loss * np.sqrt((1.0 - m) / (1.0 + m)) * rng.standard_normal()
-        drawn, _ = lfilter([1.0, -m - loss * (1.0 - m)], [1.0, -m], white, zi=[begun])
+        initial_state = loss * np.sqrt((1.0 - m) / (1.0 + m)) * rng.standard_normal()
+        drawn, _ = lfilter([1.0, -m - loss * (1.0 - m)], [1.0, -m], white, zi=[initial_state])
     inputs = trace.inputs.copy()
     inputs[:, 0] += noise.ratio * sensor_std * drawn
     return replace(trace, inputs=inputs)
 
 
-def _told(found: Filtered, trace: Trace) -> Filtered:
-    """The pass, with endless errors where it ran away: what is no number was not measured, and costs nothing."""
+def _with_divergence_marked(found: Filtered, trace: Trace) -> Filtered:
+    """The pass, with huge errors where it diverges: NaN would count as not measured, and cost nothing."""
     lost = np.isfinite(trace.outputs) & ~np.isfinite(found.innovations)
-    return replace(found, innovations=np.where(lost, ENDLESS, found.innovations)) if lost.any() else found
+    return replace(found, innovations=np.where(lost, DIVERGED_ERROR, found.innovations)) if lost.any() else found
 
 
 def minus_log_likelihood(passes: Sequence[Filtered]) -> float:
-    """Gaussian, up to a constant, with the sensor variance profiled out; infinite where a filter ran away."""
+    """Gaussian, up to a constant, with the sensor variance profiled out; infinite where a filter diverges."""
     squares, logs, count = 0.0, 0.0, 0
     for f in passes:
         known = np.isfinite(f.innovations)
@@ -154,45 +160,45 @@ def minus_log_likelihood(passes: Sequence[Filtered]) -> float:
     return 0.5 * count * np.log(squares / count) + 0.5 * logs
 
 
-def integrated(problem: Problem, point: Point, noise: Noise,
+def restricted_likelihood(problem: Problem, point: Point, noise: Noise,
                passes: Sequence[Filtered] | None = None) -> tuple[float, Normal]:
     """(restricted -log likelihood of a noise model, up to a constant; normal equations at the point under it).
 
-    The plain likelihood counts residuals that the fitted parameters have already absorbed: slow
-    torque noise looks like friction, its ratio comes out near zero, and the intervals are then
-    half as wide as they should be. Here the parameters and start states are integrated out
-    (Patterson and Thompson 1971), around the point after one Gauss-Newton step.
+    The plain likelihood ignores that the fitted parameters absorb part of the noise. Slow torque noise looks like
+    friction, its ratio becomes near zero, and the intervals become half as wide as they should be. Here the
+    parameters and start states are integrated out (Patterson and Thompson 1971), around the point after one
+    Gauss-Newton step.
 
-    passes  under the noise, with their gains, if they have been made
+    passes  under the noise, with their gains, where available
     """
     passes = passes or filtered(problem, point, noise)
     logs = sum(float(np.sum(np.log(f.variance[np.isfinite(f.innovations)]))) for f in passes)
-    normal = _normal(problem, point, noise, passes)
+    normal = _normal_equations(problem, point, noise, passes)
     matrix, slope = arrow(normal)
     size = np.sqrt(np.diag(matrix))
     keep = size > 0.0
     size, slope = size[keep], slope[keep]
     scaled = matrix[np.ix_(keep, keep)] / np.outer(size, size) + 1e-12 * np.eye(len(size))
-    left = normal.cost - float(slope / size @ np.linalg.solve(scaled, slope / size))
+    residual = normal.cost - float(slope / size @ np.linalg.solve(scaled, slope / size))
     degrees = problem.count - len(size)
-    if not np.isfinite(left) or left <= 0.0 or degrees <= 0:
+    if not np.isfinite(residual) or residual <= 0.0 or degrees <= 0:
         return np.inf, normal
     determinant = np.linalg.slogdet(scaled)[1] + 2.0 * float(np.sum(np.log(size)))
-    return 0.5 * (degrees * np.log(left / degrees) + logs + determinant), normal
+    return 0.5 * (degrees * np.log(residual / degrees) + logs + determinant), normal
 
 
 def normal_under(problem: Problem, point: Point, noise: Noise) -> Normal:
-    """Normal equations of the one-step errors at a point, under the gains of a noise model."""
-    return _normal(problem, point, noise, filtered(problem, point, noise))
+    """Normal equations of the one-step prediction errors at a point, under the gains of a noise model."""
+    return _normal_equations(problem, point, noise, filtered(problem, point, noise))
 
 
-def _normal(problem: Problem, point: Point, noise: Noise, passes: Sequence[Filtered]) -> Normal:
+def _normal_equations(problem: Problem, point: Point, noise: Noise, passes: Sequence[Filtered]) -> Normal:
     model = problem.with_memory(noise.memory)
-    return model.normal(with_state(point, noise), [f.gains for f in passes])
+    return model.normal(with_disturbance_state(point, noise), [f.gains for f in passes])
 
 
 def arrow(normal: Normal) -> tuple[np.ndarray, np.ndarray]:
-    """The block-arrow equations as one matrix and one slope."""
+    """The block-arrow equations as one matrix and one gradient."""
     k, sizes = len(normal.slope), [len(s) for s in normal.own_slope]
     edges = k + np.concatenate(([0], np.cumsum(sizes))).astype(int)
     matrix = np.zeros((edges[-1], edges[-1]))
@@ -202,7 +208,7 @@ def arrow(normal: Normal) -> tuple[np.ndarray, np.ndarray]:
     return matrix, np.concatenate([normal.slope, *normal.own_slope])
 
 
-def with_state(point: Point, noise: Noise) -> Point:
+def with_disturbance_state(point: Point, noise: Noise) -> Point:
     """Append the disturbance state, zero at the start, where the noise has a memory."""
     if noise.memory is None:
         return point
@@ -224,83 +230,90 @@ def natural_ratio(problem: Problem, point: Point) -> float:
     return 1.0 / gain if gain > 0.0 else 1.0
 
 
-def excerpt(problem: Problem, most: int = ENOUGH) -> Problem:
-    """The problem on the first samples of its traces, enough for two noise figures."""
+def excerpt(problem: Problem, max_samples: int = MAX_NOISE_SAMPLES) -> Problem:
+    """The problem on the first samples of its traces, enough for two noise parameters."""
     total = sum(t.size for t in problem.traces)
-    if total <= most:
+    if total <= max_samples:
         return problem
-    keep = [max(10, t.size * most // total) for t in problem.traces]
+    keep = [max(10, t.size * max_samples // total) for t in problem.traces]
     counts = None if problem.counts is None else tuple(m[:n] for m, n in zip(problem.counts, keep, strict=True))
     return replace(problem, counts=counts, traces=tuple(
         replace(t, inputs=t.inputs[:n], outputs=t.outputs[:n]) for t, n in zip(problem.traces, keep, strict=True)))
 
 
 def fit_ratio(problem: Problem, point: Point, noise: Noise, around: float | None = None,
-              settled: bool = False, quick: bool = False) -> Noise:
-    """Maximum likelihood of the noise ratio (memory, share of what is slow) at fixed parameters.
+              converged: bool = False, quick: bool = False) -> Noise:
+    """Maximum likelihood of the noise ratio (AR(1) pole, low-frequency share) at fixed parameters.
 
     around   a ratio to search near; None: over eight decades, or from the noise where it has a memory
     settled  whether the point is near its optimum: then by restricted likelihood
-    quick    to half a decade only, where there is none to search near
+    quick    to half a decade only, without a ratio to search near
     """
     middle = np.log(natural_ratio(problem, point))
     problem = excerpt(problem)
 
-    def listen(figures: np.ndarray) -> Heard:
-        return _listen(problem, point, noise.at(figures), settled)
+    def evaluate(log_parameters: np.ndarray) -> NoiseLikelihood:
+        return _evaluate_likelihood(problem, point, noise.at(log_parameters), converged)
 
     if noise.memory is None and around is None:
-        grid = middle + np.log(10.0) * DECADES
-        best = by_parabolas(lambda g: min(listen(np.array([g])).value, FAR), grid, 0 if quick else 4)
+        grid = middle + np.log(10.0) * RATIO_DECADES
+        best = minimise_by_parabolas(lambda g: min(evaluate(np.array([g])).value, MAX_MINUS_LOG_LIKELIHOOD), grid,
+                                     0 if quick else 4)
         return noise.at(np.array([best]))
-    return noise.at(scored(listen, (noise if around is None else replace(noise, ratio=around)).figures,
-                           *noise.bounds(middle))[0])
+    return noise.at(minimise_by_scoring(evaluate,
+                                        (noise if around is None else replace(noise, ratio=around)).figures,
+                                        *noise.bounds(middle))[0])
 
 
 def likelier_ratio(problem: Problem, point: Point, noise: Noise) -> Noise | None:
-    """The noise with a clearly likelier ratio far from its own, all else as it is; None where there is none.
+    """The noise with a clearly likelier ratio far from its own, all else unchanged; None where there is none.
 
-    The restricted likelihood of a ratio may have several peaks, and a search beside one sees that one alone.
+    The restricted likelihood of a ratio may have several peaks, and a local search finds only its own.
     """
     middle = np.log(natural_ratio(problem, point))
     problem = excerpt(problem)
 
     def value(log: float) -> float:
-        return min(_listen(problem, point, replace(noise, ratio=float(np.exp(log))), settled=True).value, FAR)
+        return min(_evaluate_likelihood(
+            problem, point, replace(noise, ratio=float(np.exp(log))), converged=True).value,
+                   MAX_MINUS_LOG_LIKELIHOOD)
 
-    least = value(np.log(noise.ratio)) - LIKELIER
-    grid = list(middle + np.log(10.0) * DECADES)
+    threshold = value(np.log(noise.ratio)) - MIN_RATIO_GAIN
+    grid = list(middle + np.log(10.0) * RATIO_DECADES)
     values = [value(log) for log in grid]
-    if not min(values) < least:
+    if not min(values) < threshold:
         return None
-    return replace(noise, ratio=float(np.exp(_refined(value, grid, values, 4, CLOSE))))
+    return replace(noise, ratio=float(np.exp(_refined_by_parabolas(value, grid, values, 4, LOG_RATIO_TOLERANCE))))
 
 
-def _listen(problem: Problem, point: Point, noise: Noise, settled: bool) -> Heard:
-    """What a noise makes of the traces; by restricted likelihood where the point is settled."""
+def _evaluate_likelihood(problem: Problem, point: Point, noise: Noise, converged: bool) -> NoiseLikelihood:
+    """The likelihood of a noise on the traces; the restricted one where the point is converged."""
     with np.errstate(over="ignore", invalid="ignore"):
-        passes = filtered(problem, point, noise, keep=settled)
-        value = integrated(problem, point, noise, passes)[0] if settled else minus_log_likelihood(passes)
-    return heard(value if np.isfinite(value) else np.inf, passes)
+        passes = filtered(problem, point, noise, keep=converged)
+        value = restricted_likelihood(problem, point, noise,
+                                      passes)[0] if converged else minus_log_likelihood(passes)
+    return likelihood_of_passes(value if np.isfinite(value) else np.inf, passes)
 
 
-def remembering(problem: Problem, point: Point, noise: Noise, value: Callable[[Noise], float]) -> Noise:
-    """The likeliest noise with a memory: of torque that wanders, fast or slowly, or is weak where it is slow.
+def fit_correlated_noise(problem: Problem, point: Point, noise: Noise, value: Callable[[Noise], float]) -> Noise:
+    """The likeliest noise with a memory: torque that drifts, fast or slowly, or is weak at low frequency.
 
     value  -log likelihood of a noise at the point
     """
-    begun = [Noise(noise.ratio, float(np.exp(-1.0 / samples)), noise.scale, slow=slow)
+    starts = [Noise(noise.ratio, float(np.exp(-1.0 / samples)), noise.scale, slow=slow)
              for samples, slow in ((20.0, None), (500.0, None), (4.0, 0.3))]
-    return min((fit_ratio(problem, point, n) for n in begun), key=lambda n: value(n) + n.parameters)
+    return min((fit_ratio(problem, point, n) for n in starts), key=lambda n: value(n) + n.parameters)
 
 
-def by_parabolas(value: Callable[[float], float], grid: np.ndarray, rounds: int = 4, close: float = CLOSE) -> float:
-    """Minimum of a function of one variable: grid, then parabolas through the best three, until they are close."""
-    return _refined(value, list(grid), [value(g) for g in grid], rounds, close)
+def minimise_by_parabolas(value: Callable[[float], float], grid: np.ndarray, rounds: int = 4,
+                 tolerance: float = LOG_RATIO_TOLERANCE) -> float:
+    """Minimum of a function of one variable: grid, then parabolas through the best three until they converge."""
+    return _refined_by_parabolas(value, list(grid), [value(g) for g in grid], rounds, tolerance)
 
 
-def _refined(value: Callable[[float], float], x: list[float], y: list[float], rounds: int, close: float) -> float:
-    """Parabolas through the best three of some points, until they are close."""
+def _refined_by_parabolas(value: Callable[[float], float], x: list[float], y: list[float], rounds: int,
+                          tolerance: float) -> float:
+    """Parabolas through the best three of some points until they converge."""
     for _ in range(rounds):
         order = np.argsort(x)
         x, y = [x[i] for i in order], [y[i] for i in order]
@@ -312,7 +325,7 @@ def _refined(value: Callable[[float], float], x: list[float], y: list[float], ro
         if not np.isfinite(curve) or curve == 0.0:
             break
         t = b - 0.5 * ((b - a) ** 2 * (fb - fc) - (b - c) ** 2 * (fb - fa)) / curve
-        if not a < t < c or min(abs(t - k) for k in x) < close:
+        if not a < t < c or min(abs(t - k) for k in x) < tolerance:
             break
         x.append(t)
         y.append(value(t))

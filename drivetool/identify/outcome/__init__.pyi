@@ -1,14 +1,23 @@
 from .composition import (
     CORRELATED as CORRELATED,
     compose as compose,
+    held_value_sensitivity as held_value_sensitivity,
     how_it_ended as how_it_ended,
-    moved_with as moved_with,
-    noise_figures as noise_figures,
+    noise_parameters as noise_parameters,
+    not_converged as not_converged,
     one_step_percent as one_step_percent,
-    record_exhibits as record_exhibits,
+    record_plots as record_plots,
     still_correlated as still_correlated,
-    unsettled as unsettled,
 )
-from .noise_doubt import KNOWN as KNOWN
-from .repeats import Told as Told, repeats_of as repeats_of, tells as tells, with_scatter as with_scatter
-from .scatter import chance_of as chance_of, mean_of as mean_of, restricted as restricted
+from .noise_ratio_uncertainty import MAX_UNCERTAIN_RATIO as MAX_UNCERTAIN_RATIO
+from .repeats import (
+    RecordingEstimate as RecordingEstimate,
+    identifiable_alone as identifiable_alone,
+    repeatability_of as repeatability_of,
+    with_scatter as with_scatter,
+)
+from .scatter import (
+    mean_of as mean_of,
+    p_value_of_equality as p_value_of_equality,
+    variance_between as variance_between,
+)

@@ -1,4 +1,4 @@
-"""Groups that scatter by more than the noise within them: how much, and what it does to their mean."""
+"""Random-effects statistics: the variance between groups beyond the noise within them, and their mean."""
 
 from __future__ import annotations
 
@@ -12,27 +12,27 @@ from drivetool.identify.estimate import Z95
 
 
 @dataclass(frozen=True)
-class Mean:
-    """Of groups, each weighed by its noise and the scatter between them: value and variance, by so many groups."""
+class GroupMean:
+    """Mean of groups, each weighted by its noise and the scatter between them: value, variance, group count."""
 
     value: float
     variance: float
     count: int
 
 
-def mean_of(y: np.ndarray, variance: np.ndarray) -> Mean:
+def mean_of(y: np.ndarray, variance: np.ndarray) -> GroupMean:
     """The mean of groups (n,) with variances (n,) by noise of their own.
 
-    source  Hartung and Knapp 2001: by how the groups scatter, whatever part of that is noise
+    source  Hartung and Knapp 2001: the variance follows from the scatter of the groups, noise included
     """
-    weight = 1.0 / (restricted(y, variance) + variance)
+    weight = 1.0 / (variance_between(y, variance) + variance)
     whole = float(np.sum(weight))
     value = float(np.sum(weight * y)) / whole
-    return Mean(value, float(np.sum(weight * (y - value) ** 2)) / ((len(y) - 1) * whole), len(y))
+    return GroupMean(value, float(np.sum(weight * (y - value) ** 2)) / ((len(y) - 1) * whole), len(y))
 
 
-def chance_of(one: Mean, other: Mean) -> float:
-    """Chance that means which are equal differ as much, by Student's t (Welch 1947)."""
+def p_value_of_equality(one: GroupMean, other: GroupMean) -> float:
+    """p-value of the hypothesis that two means are equal, by Student's t (Welch 1947)."""
     both = one.variance + other.variance
     if both <= 0.0:
         return float(one.value == other.value)
@@ -40,10 +40,10 @@ def chance_of(one: Mean, other: Mean) -> float:
     return float(2.0 * student.sf(abs(other.value - one.value) / np.sqrt(both), degrees))
 
 
-def restricted(y: np.ndarray, variance: np.ndarray) -> float:
+def variance_between(y: np.ndarray, variance: np.ndarray) -> float:
     """The variance between groups, by restricted likelihood.
 
-    y         (n,) what each says; variance: (n,) of each by noise of its own
+    y         (n,) estimate of each; variance: (n,) of each by noise of its own
     """
     def slope(between: float) -> float:
         weight = 1.0 / (between + variance)
@@ -58,17 +58,17 @@ def restricted(y: np.ndarray, variance: np.ndarray) -> float:
     return float(brentq(slope, 0.0, high))
 
 
-def heterogeneity(y: np.ndarray, variance: np.ndarray) -> float:
-    """Chance that groups which do not differ scatter as much (Cochran 1954)."""
+def p_value_of_homogeneity(y: np.ndarray, variance: np.ndarray) -> float:
+    """p-value of the hypothesis that the groups do not differ (Cochran 1954)."""
     weight = 1.0 / variance
     mean = np.sum(weight * y) / np.sum(weight)
     return float(chi2.sf(np.sum(weight * (y - mean) ** 2), len(y) - 1))
 
 
 def half_width(std: float, between: float, count: float) -> float:
-    """Of the 95 % interval, of whose standard deviation one part is known from few recordings only.
+    """Half width of the 95 % interval, where one part of the standard deviation is known from few recordings only.
 
-    std      of everything; between: the part by what varies
+    std      total; between: the part by the variation between recordings
     count    of the recordings
     source   JCGM 100:2008 (GUM), annex G.4: effective degrees of freedom after Welch and Satterthwaite
     """

@@ -1,20 +1,20 @@
 from .intervals import (
-    Interval as Interval,
+    SteadyInterval as SteadyInterval,
     find_intervals as find_intervals,
     mean_variances as mean_variances,
     rough_inertia as rough_inertia,
     speed_of as speed_of,
 )
-from .line import KEYS as KEYS, Line as Line, fit_line as fit_line
-from .points import Points as Points, make_points as make_points
+from .line import LINE_KEYS as LINE_KEYS, FrictionLine as FrictionLine, fit_line as fit_line
+from .points import SteadyPoints as SteadyPoints, make_points as make_points
 from .report import (
-    Task as Task,
-    body_findings as body_findings,
-    exhibits as exhibits,
-    in_one_direction as in_one_direction,
+    LineTask as LineTask,
+    coulomb_body_findings as coulomb_body_findings,
     line_findings as line_findings,
-    parameter as parameter,
+    line_parameter as line_parameter,
+    one_direction_finding as one_direction_finding,
     point_list as point_list,
-    record_with as record_with,
+    record_plot as record_plot,
+    steady_plots as steady_plots,
 )
 from .state import block_means as block_means, steady_intervals as steady_intervals

@@ -12,19 +12,19 @@ from scipy.optimize import nnls
 from drivetool.identify.plateaus.state import block_means, steady_intervals
 from drivetool.logs import Experiment
 
-# Share of an interval that is left out at its start: a settling tail that no longer shows in the
-# noise still shifts the mean.
-TAIL = 0.25
-# Batches per interval, most first.
-BATCHES = (15, 10, 5)
-# Memories of noise that are looked for, as shares of an interval.
-MEMORIES = (1 / 30, 1 / 12, 1 / 5)
-# A hidden acceleration may take at most this share of the record's torque.
-HIDDEN = 0.01
+# Share of an interval that is left out at its start, a choice: a settling tail hidden by the noise still shifts the
+# mean.
+SETTLING_SHARE = 0.25
+# Batches per interval, most first. A choice: three lengths show how the variance falls, five still give a variance.
+BATCH_COUNTS = (15, 10, 5)
+# Time constants of noise that are fitted, as shares of an interval. A choice, up to the longest batch, a fifth.
+NOISE_TIME_CONSTANT_SHARES = (1 / 30, 1 / 12, 1 / 5)
+# A hidden acceleration may take at most this share of the record's torque: it biases the friction by as much.
+MAX_HIDDEN_TORQUE_SHARE = 0.01
 
 
 @dataclass(frozen=True)
-class Interval:
+class SteadyInterval:
     """A steady interval: what was measured, on one grid.
 
     file, start, end  of which recording, from when to when [s from its start]
@@ -51,20 +51,20 @@ class Interval:
         return float(np.nanmean(self.signals[role]))
 
 
-def speed_of(experiment: Experiment, body: str, why: str, apart: int = 1) -> np.ndarray:
+def speed_of(experiment: Experiment, body: str, why: str, spacing: int = 1) -> np.ndarray:
     """Speed of a body: as logged, or the central difference of its angle, so many samples to either side."""
     if f"{body}_speed" not in experiment.signals and f"{body}_angle" in experiment.signals:
         angle = experiment.signals[f"{body}_angle"]
         speed = np.full(len(angle), np.nan)
         for a, b in experiment.segments:
-            if b - a > 2 * apart:
-                speed[a + apart:b - apart] = (angle[a + 2 * apart:b] - angle[a:b - 2 * apart]) / (
-                    2 * apart * experiment.step)
+            if b - a > 2 * spacing:
+                speed[a + spacing:b - spacing] = (angle[a + 2 * spacing:b] - angle[a:b - 2 * spacing]) / (
+                    2 * spacing * experiment.step)
         return speed
     return experiment.signal(f"{body}_speed", why)
 
 
-def find_intervals(experiment: Experiment) -> list[Interval]:
+def find_intervals(experiment: Experiment) -> list[SteadyInterval]:
     """The steady intervals of a record, settled: without their tails, and none that drifts.
 
     experiment  with motor_torque and the speed or angle of the motor
@@ -85,27 +85,27 @@ def find_intervals(experiment: Experiment) -> list[Interval]:
     inertia = {role: rough_inertia(speed, values, experiment) for role, values in roles.items()
                if not role.endswith("speed")}
     fastest = float(np.nanquantile(np.abs(speed), 0.99))
-    hidden = HIDDEN * float(np.sqrt(np.nanmean(torque**2)))
+    max_hidden_torque = MAX_HIDDEN_TORQUE_SHARE * float(np.sqrt(np.nanmean(torque**2)))
     intervals = []
     found, _ = steady_intervals([speed, torque], experiment.segments)
     for first, last in found:
-        settled = _settled(speed, first, last, experiment.step, inertia["motor_torque"], hidden)
+        settled = _settled_from(speed, first, last, experiment.step, inertia["motor_torque"], max_hidden_torque)
         cut = {role: values[settled:last] for role, values in roles.items()} if settled is not None else {}
         if cut and all(np.isfinite(values).mean() > 0.5 for values in cut.values()):
-            rise, rise_std = _rise(cut["motor_speed"], experiment.step)
+            rise, rise_std = _mean_acceleration(cut["motor_speed"], experiment.step)
             start, end = (experiment.offset + i * experiment.step for i in (settled, last))
-            intervals.append(Interval(experiment.name, start, end, experiment.step, rise, rise_std, fastest,
+            intervals.append(SteadyInterval(experiment.name, start, end, experiment.step, rise, rise_std, fastest,
                                       inertia, cut))
     return intervals
 
 
 def rough_inertia(speed: np.ndarray, torque: np.ndarray, experiment: Experiment) -> float:
-    """Inertia that a torque accelerates, from block means over the whole record; 0 if it does not show."""
-    best, surest = 0.0, 10.0
+    """Inertia that a torque accelerates, from block means over the whole record; 0 if it is not significant."""
+    best, best_ratio = 0.0, 10.0
     for share in (2000, 500, 100):
-        inertia, sure = _regressed_inertia(speed, torque, experiment, max(1, experiment.size // share))
-        if sure > surest:
-            best, surest = inertia, sure
+        inertia, ratio = _regressed_inertia(speed, torque, experiment, max(1, experiment.size // share))
+        if ratio > best_ratio:
+            best, best_ratio = inertia, ratio
     return best
 
 
@@ -128,37 +128,37 @@ def _regressed_inertia(speed: np.ndarray, torque: np.ndarray, experiment: Experi
     if len(b) < 8:
         return 0.0, 0.0
     found = np.linalg.lstsq(a, b, rcond=None)[0]
-    spread = np.linalg.pinv(a.T @ a)[0, 0] * np.sum((b - a @ found)**2) / len(b)
-    return float(found[0]), float(found[0] / np.sqrt(spread)) if spread > 0 else 0.0
+    variance = np.linalg.pinv(a.T @ a)[0, 0] * np.sum((b - a @ found)**2) / len(b)
+    return float(found[0]), float(found[0] / np.sqrt(variance)) if variance > 0 else 0.0
 
 
-def _settled(speed: np.ndarray, first: int, last: int, step: float, inertia: float,
-             hidden: float) -> int | None:
-    """First sample after the tail; None if the speed drifts on, or is too noisy to tell.
+def _settled_from(speed: np.ndarray, first: int, last: int, step: float, inertia: float,
+                  max_hidden_torque: float) -> int | None:
+    """First sample after the tail; None if the speed drifts on, or is too noisy for a decision.
 
     inertia times the slope of the speed is the torque that a drift takes; it matters from `hidden` on.
     """
-    begin = first + round(TAIL * (last - first))
-    while last - begin >= max(2 * BATCHES[0], (last - first) // 3):
-        length = (last - begin) // BATCHES[0]
+    begin = first + round(SETTLING_SHARE * (last - first))
+    while last - begin >= max(2 * BATCH_COUNTS[0], (last - first) // 3):
+        length = (last - begin) // BATCH_COUNTS[0]
         means = block_means(speed[begin:last], length)
         known = np.flatnonzero(np.isfinite(means))
-        if len(known) < BATCHES[0] // 2:
+        if len(known) < BATCH_COUNTS[0] // 2:
             return None
         line = stats.linregress(known * length * step, means[known])
-        if inertia * line.stderr > hidden:
+        if inertia * line.stderr > max_hidden_torque:
             return None
-        if abs(line.slope) <= 4 * line.stderr or inertia * abs(line.slope) <= 0.1 * hidden:
+        if abs(line.slope) <= 4 * line.stderr or inertia * abs(line.slope) <= 0.1 * max_hidden_torque:
             return begin
         begin += max(1, (last - begin) // 5)
     return None
 
 
-def _rise(speed: np.ndarray, step: float) -> tuple[float, float]:
+def _mean_acceleration(speed: np.ndarray, step: float) -> tuple[float, float]:
     """(mean acceleration, its standard deviation) over an interval."""
-    means = block_means(speed, len(speed) // BATCHES[0])[:BATCHES[0]]
+    means = block_means(speed, len(speed) // BATCH_COUNTS[0])[:BATCH_COUNTS[0]]
     means = means[np.isfinite(means)]
-    # The tenths lie nine tenths of the duration apart, but their distance from its ends is part of it.
+    # The tenths are nine tenths of the duration from each other, but their distance from its ends is part of it.
     change = means[-2:].mean() - means[:2].mean()
     noise = np.diff(means).std() / np.sqrt(2)
     duration = len(speed) * step
@@ -175,46 +175,46 @@ def mean_variances(series: Sequence[np.ndarray], steps: Sequence[float]) -> tupl
     together, and give the variance at the full length. A series whose batches scatter differently from the
     others (Bartlett's test at 0.1 %) uses its own scatter.
 
-    series   (n_i,) each, n_i >= 2 max(BATCHES); NaN counts as the mean; steps [s]
+    series   (n_i,) each, n_i >= 2 max(BATCH_COUNTS); NaN counts as the mean; steps [s]
     returns  (k,) variances; degrees of freedom
     """
     duration = np.array([len(values) * step for values, step in zip(series, steps, strict=True)])
     scatter = np.array([_batch_variances(values) for values in series])
     # A constant, as a commanded torque is: what is left are rounding errors.
     if scatter.max() <= 1e-20 * max(float(np.nanmax(np.square(values))) for values in series):
-        return np.zeros(len(series)), float(len(series) * (BATCHES[0] - 1))
-    count = np.array(BATCHES)[None, :]
-    memories = np.median(duration) * np.array(MEMORIES)
-    whole = _mean_variance(duration[:, None], memories)
+        return np.zeros(len(series)), float(len(series) * (BATCH_COUNTS[0] - 1))
+    count = np.array(BATCH_COUNTS)[None, :]
+    time_constants = np.median(duration) * np.array(NOISE_TIME_CONSTANT_SHARES)
+    whole = _mean_variance(duration[:, None], time_constants)
     # Expectation of the scatter about the series' own mean, which takes the variance at full length off.
-    terms = (_mean_variance(duration[:, None] / count, memories) - whole) * (count / (count - 1))[..., None]
-    strength = _fit_strengths(terms.reshape(-1, terms.shape[-1]), scatter.ravel(),
-                              np.broadcast_to(count - 1, scatter.shape).ravel())
+    terms = (_mean_variance(duration[:, None] / count, time_constants) - whole) * (count / (count - 1))[..., None]
+    strength = _fit_noise_strengths(terms.reshape(-1, terms.shape[-1]), scatter.ravel(),
+                                    np.broadcast_to(count - 1, scatter.shape).ravel())
     # If all the noise is taken back, the mean over n batches has 1/n^2 of their variance; no less.
-    variance = np.maximum(whole[:, 0] @ strength, scatter[:, 0].mean() / BATCHES[0]**2)
-    # The full length lies beyond the longest batches: what these tell of it is worth a tenth of their freedom.
-    dof = max(3.0, len(series) * (BATCHES[-1] - 1) / 10)
+    variance = np.maximum(whole[:, 0] @ strength, scatter[:, 0].mean() / BATCH_COUNTS[0]**2)
+    # The full length lies beyond the longest batches: their estimate of it counts for a tenth of their freedom.
+    dof = max(3.0, len(series) * (BATCH_COUNTS[-1] - 1) / 10)
     ratio = scatter[:, 0] / np.maximum(terms[:, 0] @ strength, 0.1 * scatter[:, 0].mean())
-    if _alike(ratio, BATCHES[0] - 1):
+    if _equal_variances(ratio, BATCH_COUNTS[0] - 1):
         return variance, dof
-    return variance * ratio, min(dof, float(BATCHES[0] - 1))
+    return variance * ratio, min(dof, float(BATCH_COUNTS[0] - 1))
 
 
 def _batch_variances(values: np.ndarray) -> list[float]:
     """Variance between batch means, for each number of batches."""
     values = np.where(np.isfinite(values), values, np.nanmean(values))
-    return [float(np.var(block_means(values, len(values) // n)[:n], ddof=1)) for n in BATCHES]
+    return [float(np.var(block_means(values, len(values) // n)[:n], ddof=1)) for n in BATCH_COUNTS]
 
 
-def _mean_variance(length: np.ndarray, memories: np.ndarray) -> np.ndarray:
+def _mean_variance(length: np.ndarray, time_constants: np.ndarray) -> np.ndarray:
     """(..., 2 m + 2) variance of the mean over a time [s] of each kind of noise of unit strength; see above."""
-    x = length[..., None] / memories
-    gone = 1.0 - np.exp(-x)
+    x = length[..., None] / time_constants
+    decay = 1.0 - np.exp(-x)
     length = length[..., None]
-    return np.concatenate([1.0 / length, (1.0 - gone / x) / length, 1.0 / length**2, gone / length**2], axis=-1)
+    return np.concatenate([1.0 / length, (1.0 - decay / x) / length, 1.0 / length**2, decay / length**2], axis=-1)
 
 
-def _fit_strengths(terms: np.ndarray, scatter: np.ndarray, dof: np.ndarray) -> np.ndarray:
+def _fit_noise_strengths(terms: np.ndarray, scatter: np.ndarray, dof: np.ndarray) -> np.ndarray:
     """Weights of scatter = terms @ weights, none negative.
 
     A variance with `dof` degrees of freedom has a relative standard deviation of sqrt(2/dof).
@@ -228,12 +228,12 @@ def _fit_strengths(terms: np.ndarray, scatter: np.ndarray, dof: np.ndarray) -> n
     return found / scale
 
 
-def _alike(variances: np.ndarray, dof: int) -> bool:
+def _equal_variances(variances: np.ndarray, dof: int) -> bool:
     """Bartlett's test that variances with equal degrees of freedom are the same."""
     k = len(variances)
     if k < 2:
         return True
     if variances.min() <= 1e-12 * variances.max():
         return False
-    spread = dof * (k * np.log(variances.mean()) - np.log(variances).sum())
-    return bool(stats.chi2.sf(spread / (1 + (k + 1) / (3 * k * dof)), k - 1) > 1e-3)
+    statistic = dof * (k * np.log(variances.mean()) - np.log(variances).sum())
+    return bool(stats.chi2.sf(statistic / (1 + (k + 1) / (3 * k * dof)), k - 1) > 1e-3)

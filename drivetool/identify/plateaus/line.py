@@ -1,4 +1,4 @@
-"""The friction line through steady points: what of it the points determine, and how well."""
+"""The friction line through steady points: its identifiable parts, and their uncertainty."""
 
 from __future__ import annotations
 
@@ -9,15 +9,15 @@ import numpy as np
 from scipy import stats
 
 from drivetool.errors import NotEnoughData
-from drivetool.identify.plateaus.points import Points
+from drivetool.identify.plateaus.points import SteadyPoints
 
-KEYS = ("viscous", "idle_torque", "coulomb")
-# The scatter counts as larger than predicted below this probability.
-UNLIKELY = 0.01
+LINE_KEYS = ("viscous", "idle_torque", "coulomb")
+# The scatter is larger than predicted below this probability: the usual strict level, one false alarm in a hundred.
+SCATTER_SIGNIFICANCE = 0.01
 
 
 @dataclass(frozen=True)
-class Line:
+class FrictionLine:
     """A fitted line T = viscous w + idle_torque + coulomb sgn(w).
 
     values       key -> value, fitted or not; the line is these and `carried` together
@@ -48,37 +48,38 @@ class Line:
 
     def torque(self, speed: np.ndarray) -> np.ndarray:
         """(n,) torque of the line at the speeds (n,)."""
-        return _design(speed, KEYS) @ np.array([self.values[k] + self.carried.get(k, 0.0) for k in KEYS])
+        return _design_matrix(speed,
+                              LINE_KEYS) @ np.array([self.values[k] + self.carried.get(k, 0.0) for k in LINE_KEYS])
 
 
-def fit_line(points: Points, held: Mapping[str, float], start: Mapping[str, float],
-             carried: Mapping[str, float], what: str) -> Line:
+def fit_line(points: SteadyPoints, held: Mapping[str, float], start: Mapping[str, float],
+             carried: Mapping[str, float], what: str) -> FrictionLine:
     """Weighted least squares of T = viscous w + idle_torque + coulomb sgn(w).
 
     points   with the variance of torque - c speed
-    held     key -> value that stays; start: key -> value to assume where the points say nothing
+    held     key -> value that stays; start: key -> value to assume where the points do not identify it
     carried  key -> what is known to be part of the line besides
     what     for messages, for example "motor torque over motor speed"
     returns  Line; viscous and Coulomb friction that come out negative are set to zero
     raises   NotEnoughData: the torques do not lie on a line
     """
     values = dict(held)
-    known = _design(points.speed, KEYS) @ np.array([carried.get(key, 0.0) for key in KEYS])
+    known = _design_matrix(points.speed, LINE_KEYS) @ np.array([carried.get(key, 0.0) for key in LINE_KEYS])
     torque = points.torque - known
-    free = [key for key in KEYS if key not in held]
+    free = [key for key in LINE_KEYS if key not in held]
     both = len(set(np.sign(points.speed))) == 2
     if not both and "coulomb" in free and "idle_torque" in free:
         free.remove("coulomb")
         values["coulomb"] = 0.0
-    conditional = tuple(_undetermined(points, free))
+    conditional = tuple(_undetermined_keys(points, free))
     # Assume as little as it takes; the viscous friction first, a start value of it is often known.
     for key in ("viscous", "coulomb"):
-        if key in free and key in _undetermined(points, free):
+        if key in free and key in _undetermined_keys(points, free):
             free.remove(key)
             values[key] = start.get(key, 0.0)
     at_bound = {}
     while True:
-        found, covariance, weights = _solve(points, torque, free, values)
+        found, covariance, weights = _weighted_least_squares(points, torque, free, values)
         negative = [k for k in free if k != "idle_torque" and found[k] < 0]
         if not negative:
             break
@@ -88,45 +89,45 @@ def fit_line(points: Points, held: Mapping[str, float], start: Mapping[str, floa
         free.remove(worst)
         values[worst] = 0.0
     values |= found
-    residual = torque - _design(points.speed, KEYS) @ np.array([values[k] for k in KEYS])
+    residual = torque - _design_matrix(points.speed, LINE_KEYS) @ np.array([values[k] for k in LINE_KEYS])
     chi2, dof = float(np.sum(residual**2 / points.variance)), len(residual) - len(free)
     probability = float(stats.chi2.sf(chi2, dof)) if dof > 0 else 1.0
     rmse = float(np.sqrt(np.mean(residual**2)))
     _refuse_scatter(points, rmse, probability, dof, what)
-    unexplained = probability < UNLIKELY
+    unexplained = probability < SCATTER_SIGNIFICANCE
     # Batches and residuals both measure the noise; if they agree, they are averaged by their freedom.
     inflation = np.sqrt(chi2 / dof if unexplained else (points.dof + chi2) / (points.dof + dof))
     quantile = float(stats.t.ppf(0.975, dof if unexplained else points.dof + dof))
-    return Line(values, tuple(free), covariance * inflation**2, conditional, at_bound, quantile, chi2, dof,
+    return FrictionLine(values, tuple(free), covariance * inflation**2, conditional, at_bound, quantile, chi2, dof,
                 probability, unexplained, float(inflation), rmse, weights, dict(carried))
 
 
-def _design(speed: np.ndarray, keys: Sequence[str]) -> np.ndarray:
+def _design_matrix(speed: np.ndarray, keys: Sequence[str]) -> np.ndarray:
     """(k, len(keys)) columns of the line."""
     columns = {"viscous": speed, "idle_torque": np.ones_like(speed), "coulomb": np.sign(speed)}
     return np.column_stack([columns[key] for key in keys]) if keys else np.zeros((len(speed), 0))
 
 
-def _undetermined(points: Points, free: Sequence[str]) -> list[str]:
-    """Keys that could take any value if another one made up for it, at the levels there are."""
-    matrix = _design(points.levels * np.sign(points.speed), free)
+def _undetermined_keys(points: SteadyPoints, free: Sequence[str]) -> list[str]:
+    """Keys that are collinear with others at the levels there are, and so could take any value."""
+    matrix = _design_matrix(points.levels * np.sign(points.speed), free)
     if not free:
         return []
     matrix = matrix / np.abs(matrix).max(axis=0)
     _, sizes, rows = np.linalg.svd(matrix, full_matrices=True)
     rank = int(np.sum(sizes > 1e-9 * sizes[0]))
-    loose = np.abs(rows[rank:]).max(axis=0, initial=0.0)
-    return [key for key, part in zip(free, loose, strict=True) if part > 1e-6]
+    null_parts = np.abs(rows[rank:]).max(axis=0, initial=0.0)
+    return [key for key, part in zip(free, null_parts, strict=True) if part > 1e-6]
 
 
-def _solve(points: Points, torque: np.ndarray, free: Sequence[str],
-           values: Mapping[str, float]) -> tuple[dict[str, float], np.ndarray, np.ndarray]:
+def _weighted_least_squares(points: SteadyPoints, torque: np.ndarray, free: Sequence[str],
+                            values: Mapping[str, float]) -> tuple[dict[str, float], np.ndarray, np.ndarray]:
     """(key -> value, covariance, weights) of the free keys, the others taken from `values`."""
     if not free:
         return {}, np.zeros((0, 0)), np.zeros((0, len(points.speed)))
-    others = [key for key in KEYS if key not in free]
-    rest = torque - _design(points.speed, others) @ np.array([values[key] for key in others])
-    matrix = _design(points.speed, free)
+    others = [key for key in LINE_KEYS if key not in free]
+    rest = torque - _design_matrix(points.speed, others) @ np.array([values[key] for key in others])
+    matrix = _design_matrix(points.speed, free)
     scale = np.abs(matrix).max(axis=0)
     weight = 1 / points.variance
     # Scaled columns: speeds of 1e3 and ones side by side would lose digits.
@@ -137,10 +138,10 @@ def _solve(points: Points, torque: np.ndarray, free: Sequence[str],
     return {key: float(value) for key, value in zip(free, found, strict=True)}, covariance, weights
 
 
-def _refuse_scatter(points: Points, rmse: float, probability: float, dof: int, what: str) -> None:
+def _refuse_scatter(points: SteadyPoints, rmse: float, probability: float, dof: int, what: str) -> None:
     """A line that leaves half of the torque is no friction line, unless the noise explains it."""
     rms = float(np.sqrt(np.mean(points.torque**2)))
-    if dof > 0 and probability < UNLIKELY and rmse > 0.5 * rms:
+    if dof > 0 and probability < SCATTER_SIGNIFICANCE and rmse > 0.5 * rms:
         raise NotEnoughData(
             f"steady torques on a line ({what})", f"a scatter of {rmse:.3g} about it, of {rms:.3g} in all",
             "Keep the load constant while the speed is stepped, and check both channels.")

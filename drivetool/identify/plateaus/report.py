@@ -1,4 +1,4 @@
-"""What the steady step says about its lines: parameters, findings and pictures."""
+"""Report of the steady step on its friction lines: parameters, findings and plots."""
 
 from __future__ import annotations
 
@@ -9,25 +9,25 @@ import numpy as np
 
 from drivetool.drive import Drive
 from drivetool.errors import Finding
-from drivetool.identify.estimate import Exhibit, Parameter
+from drivetool.identify.estimate import Parameter, PlotData
 from drivetool.identify.plateaus.intervals import speed_of
-from drivetool.identify.plateaus.line import Line
-from drivetool.identify.plateaus.points import Points
+from drivetool.identify.plateaus.line import FrictionLine
+from drivetool.identify.plateaus.points import SteadyPoints
 from drivetool.identify.setup import supply_of
 from drivetool.logs import Experiment
 
-DRAWN = 500  # parts of a recording that a picture shows apart
+MAX_PLOTTED_SAMPLES = 500  # samples of a recording that a plot resolves, a choice by its width in pixels
 
 
 @dataclass(frozen=True)
-class Task:
+class LineTask:
     """One friction line and the parameters it gives.
 
     torque, speed  roles that are plotted over each other; "difference" is motor less shaft torque
     body           whose friction it is; None: of all bodies together
     names          key of the line -> parameter that takes it; None if it is held
     held           key -> value of what is held entirely
-    start          key -> value to assume where the points say nothing
+    start          key -> value to assume where the points do not identify it
     carried        key -> part of it that parameters held by the user carry
     """
 
@@ -46,7 +46,8 @@ class Task:
         return f"{torque} over {self.speed.replace('_', ' ')}"
 
 
-def parameter(name: str, key: str, task: Task, points: Points, line: Line, drive: Drive) -> Parameter:
+def line_parameter(name: str, key: str, task: LineTask, points: SteadyPoints, line: FrictionLine,
+                   drive: Drive) -> Parameter:
     """One part of the line as a parameter."""
     unit, value = drive.unit(name), line.values[key]
     start = drive.values.get(name)
@@ -56,22 +57,22 @@ def parameter(name: str, key: str, task: Task, points: Points, line: Line, drive
         free, std = line.at_bound[key]
         return Parameter(name, 0.0, unit, start, ci95=(0.0, max(0.0, free + line.quantile * std)),
                          status="at-bound",
-                         reason=f"came out negative ({free:.4g} +- {std:.2g} {unit}), which no friction is")
+                         reason=f"came out negative ({free:.4g} +- {std:.2g} {unit}), which friction cannot be")
     if key in line.conditional:
         return Parameter(name, value, unit, start, status="not-identifiable",
-                         reason=_loose(key, points, line))
+                         reason=_why_not_identifiable(key, points, line))
     if key not in line.free:
         return Parameter(name, value, unit, start, status="not-identifiable",
                          reason="one direction only: counted in the idle torque; steady running in both "
-                                "directions tells them apart")
+                         "directions separates them")
     at = line.free.index(key)
     std = float(np.sqrt(line.covariance[at, at]))
     half = line.quantile * std
     return Parameter(name, value, unit, start, std, (value - half, value + half))
 
 
-def _loose(key: str, points: Points, line: Line) -> str:
-    """Why a part of the line is not determined by it."""
+def _why_not_identifiable(key: str, points: SteadyPoints, line: FrictionLine) -> str:
+    """Why a part of the line is not identifiable."""
     speed = float(np.mean(points.levels))
     if key == "viscous":
         return f"all intervals are at one speed ({speed:.4g}): assumed; run at two or more speeds"
@@ -79,24 +80,26 @@ def _loose(key: str, points: Points, line: Line) -> str:
             f"all intervals are at one speed ({speed:.4g}); run at two or more speeds")
 
 
-def line_findings(task: Task, points: Points, line: Line, drive: Drive, intervals: int) -> list[Finding]:
-    """What a person should know about one line."""
+def line_findings(task: LineTask, points: SteadyPoints, line: FrictionLine, drive: Drive,
+                  intervals: int) -> list[Finding]:
+    """The findings on one line."""
     found = []
     unit = drive.torque_unit
     forward, backward = int(np.sum(points.speed > 0)), int(np.sum(points.speed < 0))
     if 0 in (forward, backward) and None not in (task.names["idle_torque"], task.names["coulomb"]):
-        found.append(in_one_direction(str(task.names["idle_torque"]), forward, backward))
+        found.append(one_direction_finding(str(task.names["idle_torque"]), forward, backward))
     if line.conditional:
         speed = float(np.mean(points.levels))
-        loose = " and ".join(task.names[key] for key in line.conditional)
+        conditional_names = " and ".join(task.names[key] for key in line.conditional)
         found.append(Finding(
-            "warning", "one-level", f"All steady intervals are at one speed ({speed:.4g}), so {loose} "
-            "cannot be told apart.", {"speed": speed, "torque": float(np.mean(points.torque))},
+            "warning", "single-speed",
+            f"All steady intervals are at one speed ({speed:.4g}), so {conditional_names} "
+            "cannot be separated.", {"speed": speed, "torque": float(np.mean(points.torque))},
             "Record steady intervals at two or more speeds, the farther apart the better."))
     for key, (value, std) in line.at_bound.items():
         name = task.names[key]
         found.append(Finding(
-            "warning" if value < -2 * std else "note", f"negative-{key}",
+            "warning" if value < -2 * std else "note", "negative-estimate",
             f"{name} came out negative ({value:.4g} +- {std:.2g}) and was set to zero.",
             {"value": value, "std": std},
             "Check for friction that falls with speed (Stribeck), a load that changes, or a wrong sign.", name))
@@ -111,22 +114,22 @@ def line_findings(task: Task, points: Points, line: Line, drive: Drive, interval
     still = intervals - len(points.speed)
     if still:
         found.append(Finding(
-            "note", "standstill-left-out", f"{still} steady intervals at standstill are left out: sticking "
+            "note", "stretches-left-out", f"{still} steady intervals at standstill are left out: sticking "
             "friction takes any torque there.", {"intervals": still}))
     return found
 
 
-def body_findings(task: Task, drive: Drive) -> list[Finding]:
-    """That steady running does not tell on which body the Coulomb friction acts."""
+def coulomb_body_findings(task: LineTask, drive: Drive) -> list[Finding]:
+    """That steady running does not identify on which body the Coulomb friction acts."""
     if len(drive.bodies) == 1:
         return []
     return [Finding(
-        "note", "coulomb-body-unknown", f"{task.names['coulomb']} stands for the Coulomb friction of all "
-        "bodies; steady running does not tell where it acts.", {},
-        "A record with many slow reversals, or a shaft torque sensor, tells.")]
+        "note", "location-not-identifiable", f"{task.names['coulomb']} stands for the Coulomb friction of all "
+        "bodies; steady running does not identify where it acts.", {},
+        "A record with many slow reversals, or a shaft torque sensor, identifies it.")]
 
 
-def point_list(task: Task, points: Points) -> list[dict[str, object]]:
+def point_list(task: LineTask, points: SteadyPoints) -> list[dict[str, object]]:
     """The points as plain numbers."""
     return [{"line": task.what, "file": i.file, "start": i.start, "end": i.end,
              "speed": float(w), "speed_std": float(sw), "torque": float(t), "torque_std": float(st)}
@@ -134,11 +137,11 @@ def point_list(task: Task, points: Points) -> list[dict[str, object]]:
                                        points.torque_std, strict=True)]
 
 
-def exhibits(experiments: Sequence[Experiment], results: Sequence[tuple[Task, Points, Line]],
-             drive: Drive) -> tuple[Exhibit, ...]:
+def steady_plots(experiments: Sequence[Experiment], results: Sequence[tuple[LineTask, SteadyPoints, FrictionLine]],
+             drive: Drive) -> tuple[PlotData, ...]:
     """The points with their line, and every record with the steady intervals marked."""
     motion, unit = drive.motion_unit, drive.torque_unit
-    shown = []
+    plots = []
     for task, points, line in results:
         curves = {"points": (points.speed, points.torque), "std": (points.speed, np.sqrt(points.variance))}
         for sign, label in ((1, "fit forward"), (-1, "fit backward")):
@@ -146,20 +149,21 @@ def exhibits(experiments: Sequence[Experiment], results: Sequence[tuple[Task, Po
             if len(side):
                 ends = sign * np.array([1e-6, 1.05]) * np.abs(side).max()
                 curves[label] = (ends, line.torque(ends))
-        shown.append(Exhibit("steady", f"Steady points: {task.what}", f"speed [{motion}/s]",
+        plots.append(PlotData("steady", f"Steady points: {task.what}", f"speed [{motion}/s]",
                              f"torque [{unit}]", curves))
     spans = results[0][1].intervals  # two lines are drawn through the same ones
     for e in experiments:
         inside = [tuple(max(round((t - e.offset) / e.step), 0) for t in (span.start, span.end))
                   for span in spans if span.file == e.name]
-        shown.append(record_with("steady intervals", e, inside, drive))
-    return tuple(shown)
+        plots.append(record_plot("steady intervals", e, inside, drive))
+    return tuple(plots)
 
 
-def record_with(what: str, experiment: Experiment, spans: Sequence[tuple[int, ...]], drive: Drive) -> Exhibit:
+def record_plot(what: str, experiment: Experiment, spans: Sequence[tuple[int, ...]], drive: Drive) -> PlotData:
     """A recording with some of its samples, (first, last+1) each, marked as what they are."""
-    apart = max(1, experiment.size // DRAWN)  # or counts between two samples would be all that is seen
-    time, speed = experiment.time, speed_of(experiment, "motor", "the picture", apart)
+    # Over one sample an encoder's quantisation would hide the speed.
+    spacing = max(1, experiment.size // MAX_PLOTTED_SAMPLES)
+    time, speed = experiment.time, speed_of(experiment, "motor", "the picture", spacing)
     marked = np.full(len(speed), np.nan)
     for first, last in spans:
         marked[first:last] = speed[first:last]
@@ -167,16 +171,16 @@ def record_with(what: str, experiment: Experiment, spans: Sequence[tuple[int, ..
     acts = {f"torque [{drive.torque_unit}]": experiment.signals[role]
             for role in ("motor_torque",) if role in experiment.signals} if supply is None else {
                 "voltage, peak [V]": supply}
-    return Exhibit(
+    return PlotData(
         "record", f"{what[0].upper()}{what[1:]} in {experiment.name}", "time [s]",
         f"motor speed [{drive.motion_unit}/s]",
         {"measured speed": (time, speed), what: (time, marked)} | {n: (time, v) for n, v in acts.items()})
 
 
-def in_one_direction(idle: str, forward: int, backward: int) -> Finding:
+def one_direction_finding(idle: str, forward: int, backward: int) -> Finding:
     """That an idle torque has the Coulomb friction in it; idle: its name; the intervals of either direction."""
     return Finding(
-        "note", "idle-and-coulomb-together", "All steady intervals turn one way, so idle torque and "
-        f"Coulomb friction cannot be told apart; {idle} holds the idle torque {'plus' if forward else 'less'} "
+        "note", "idle-torque-not-separable", "All steady intervals turn one way, so idle torque and "
+        f"Coulomb friction cannot be separated; {idle} holds the idle torque {'plus' if forward else 'less'} "
         "the Coulomb friction.", {"forward": forward, "backward": backward},
         "Add steady intervals in the other direction, if the machine may turn that way.")

@@ -15,10 +15,10 @@ drive is like that. So x is not the sample but the mean over a block, and the bl
 per record: long enough for the noise to be white from block to block, short enough to leave many
 blocks per plateau. The filter constants hold per block, so they follow the time scale.
 
-A set-point step is a million times the noise in power, and both variances remember it for a hundred
-blocks. So the statistic runs over the record forwards and backwards: each remembers on one side only,
-and what both call unsteady is. A step between two blocks, which both may call steady for a moment, is
-recognised by its height.
+A set-point step is a million times the noise in power, and both variances contain it for a hundred
+blocks. So the statistic runs over the record forwards and backwards: each contains it on one side only,
+and a block is unsteady where both say so. A step between two blocks, where both may be low for a moment,
+is recognised by its height.
 """
 
 from __future__ import annotations
@@ -28,23 +28,23 @@ from collections.abc import Iterable, Sequence
 import numpy as np
 from scipy.signal import lfilter
 
-L1, L2, L3 = 0.3, 0.2, 0.2
+L1, L2, L3 = 0.3, 0.2, 0.2  # filter constants l1, l2, l3, as in Cao & Rhinehart (1995)
 # White noise exceeds 3 in 0.7 of 1000 blocks; noise with a correlation of 0.3 from block to block
 # in 8 of 1000.
-CRITICAL = 3.0
-# A difference of successive blocks beyond this many standard deviations is a step.
-STEP = 6.0
-# A change per block below this share of the signal's range is no movement.
-RESOLUTION = 1e-4
-# Blocks in a row that make an interval; and its least share of the record, so that a moment in which
-# a moving signal turns does not count.
-LONG_ENOUGH = 20
-LEAST_SHARE = 1 / 200
+CRITICAL_VARIANCE_RATIO = 3.0
+# A difference of successive blocks beyond this many standard deviations is a step: white noise has one in 5e8.
+MIN_STEP_STDS = 6.0
+# A change per block below this share of the signal's range is no movement, a choice: rounding and quantisation.
+MIN_CHANGE_SHARE = 1e-4
+# Blocks in a row that make an interval; and its least share of the record, so that the turning point of a
+# moving signal does not count. Both are a choice.
+MIN_INTERVAL_BLOCKS = 20
+MIN_INTERVAL_SHARE = 1 / 200
 # Standard deviation of the speed within an interval, over the fastest speed of the record. A periodic
 # motion looks like noise to blocks that are longer than a quarter of its period.
-SWING = 0.2
-# Blocks that a movement takes to show in the statistic: left out at both ends.
-DELAY = 2
+MAX_SPEED_STD_SHARE = 0.2
+# Blocks that a movement takes to show in the statistic, left out at both ends: the delay of the filters is 1/l1.
+STATISTIC_DELAY_BLOCKS = 2
 
 
 def ratio_statistic(x: np.ndarray, floor: float = 0.0) -> np.ndarray:
@@ -67,12 +67,12 @@ def ratio_statistic(x: np.ndarray, floor: float = 0.0) -> np.ndarray:
 
 
 def is_steady(x: np.ndarray, floor: float = 0.0) -> np.ndarray:
-    """(n,) whether x is steady: R below CRITICAL forwards or backwards, and no step to the value before."""
-    forward = np.concatenate([[True], ratio_statistic(x, floor) < CRITICAL])
-    backward = np.concatenate([ratio_statistic(x[::-1], floor)[::-1] < CRITICAL, [True]])
+    """(n,) whether x is steady: R below its critical value forwards or backwards, no step to the value before."""
+    forward = np.concatenate([[True], ratio_statistic(x, floor) < CRITICAL_VARIANCE_RATIO])
+    backward = np.concatenate([ratio_statistic(x[::-1], floor)[::-1] < CRITICAL_VARIANCE_RATIO, [True]])
     between = np.abs(np.diff(x))
-    usual = max(float(np.median(between)) / 0.6745, np.sqrt(2) * floor)
-    return (forward | backward) & np.concatenate([[True], between <= STEP * usual])
+    typical = max(float(np.median(between)) / 0.6745, np.sqrt(2) * floor)
+    return (forward | backward) & np.concatenate([[True], between <= MIN_STEP_STDS * typical])
 
 
 def steady_intervals(signals: Sequence[np.ndarray],
@@ -91,10 +91,11 @@ def steady_intervals(signals: Sequence[np.ndarray],
     size = sum(b - a for a, b in segments)
     fastest = float(np.nanquantile(np.abs(signals[0]), 0.99))
     span = [float(np.nanmax(s) - np.nanmin(s)) for s in signals]
-    found, length = [], max(1, round(size * LEAST_SHARE / LONG_ENOUGH))
-    while length * LONG_ENOUGH <= longest:
-        intervals = [(a, b) for segment in segments for a, b in _in_segment(signals, segment, length, span)
-                     if np.nanstd(signals[0][a:b]) <= SWING * fastest]
+    found, length = [], max(1, round(size * MIN_INTERVAL_SHARE / MIN_INTERVAL_BLOCKS))
+    while length * MIN_INTERVAL_BLOCKS <= longest:
+        intervals = [(a, b) for segment in segments
+                     for a, b in _intervals_in_segment(signals, segment, length, span)
+                     if np.nanstd(signals[0][a:b]) <= MAX_SPEED_STD_SHARE * fastest]
         found.append((_time_at_levels(signals[0], intervals, size / 20, span[0]), length, intervals))
         length *= 2
     best = max((time for time, _, _ in found), default=0.0)
@@ -115,11 +116,11 @@ def block_means(values: np.ndarray, length: int) -> np.ndarray:
     return np.divide(total, count, out=np.full(len(total), np.nan), where=count > 0)
 
 
-def _in_segment(signals: Sequence[np.ndarray], segment: tuple[int, int], length: int,
-                span: Sequence[float]) -> list[tuple[int, int]]:
+def _intervals_in_segment(signals: Sequence[np.ndarray], segment: tuple[int, int], length: int,
+                          span: Sequence[float]) -> list[tuple[int, int]]:
     """Steady intervals of one segment at one block length."""
     first, last = segment
-    if (last - first) // length < LONG_ENOUGH:
+    if (last - first) // length < MIN_INTERVAL_BLOCKS:
         return []
     steady = np.ones((last - first) // length, dtype=bool)
     for signal, width in zip(signals, span, strict=True):
@@ -129,10 +130,11 @@ def _in_segment(signals: Sequence[np.ndarray], segment: tuple[int, int], length:
         if known.sum() < 2:
             return []
         filled = np.interp(np.arange(len(means)), np.flatnonzero(known), means[known])
-        steady &= is_steady(filled, RESOLUTION * width)
+        steady &= is_steady(filled, MIN_CHANGE_SHARE * width)
     edges = np.flatnonzero(np.diff(np.concatenate([[0], steady.astype(np.int8), [0]]))).reshape(-1, 2)
-    return [(first + int(a + DELAY) * length, first + int(b - DELAY) * length) for a, b in edges
-            if b - a >= LONG_ENOUGH]
+    return [(first + int(a + STATISTIC_DELAY_BLOCKS) * length, first + int(b - STATISTIC_DELAY_BLOCKS) * length)
+            for a, b in edges
+            if b - a >= MIN_INTERVAL_BLOCKS]
 
 
 def _time_at_levels(speed: np.ndarray, intervals: Sequence[tuple[int, int]], most: float,

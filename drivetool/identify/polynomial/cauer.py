@@ -14,7 +14,7 @@ import numpy as np
 
 def chain_of(total: float, notches: Sequence[float], resonances: Sequence[float],
              ) -> tuple[tuple[float, ...], tuple[float, ...]]:
-    """(inertias, stiffnesses) of the chain, all as felt at its first body; empty if there is none.
+    """(inertias, stiffnesses) of the chain, all referred to its first body; empty if there is none.
 
     total                inertia of all bodies together
     notches, resonances  [rad/s], rising, as many of each; a chain has them in turn, a notch first
@@ -35,7 +35,7 @@ def chain_of(total: float, notches: Sequence[float], resonances: Sequence[float]
         j = top[0] / bottom[0]
         inertias.append(float(j))
         top = (top - j * bottom)[1:]  # its first coefficient is zero by construction
-        # What is left is s top/bottom; its inverse bottom/(s top) begins with s/k.
+        # The remainder is s top/bottom; its inverse bottom/(s top) begins with s/k.
         ratio = bottom[0] / top[0]
         stiffnesses.append(float(scale / ratio))
         bottom = (bottom - ratio * np.concatenate([top, [0.0]]))[1:]

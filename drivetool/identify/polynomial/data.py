@@ -1,4 +1,4 @@
-"""What polynomial models are fitted to: torque and motor speed of every recording, at one sample interval."""
+"""Data of polynomial models: torque and motor speed of every recording, at one sample interval."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from drivetool.logs import Experiment
 
 
 @dataclass(frozen=True)
-class Data:
+class PolynomialData:
     """Runs of one sample interval, as stretches of torque and output; which role the output is."""
 
     runs: tuple[Run, ...]
@@ -29,7 +29,7 @@ class Data:
         """Coefficients of B beyond the order."""
         return int(self.role.endswith("angle"))
 
-    def parts(self, share: float) -> tuple[Data, Data]:
+    def parts(self, share: float) -> tuple[PolynomialData, PolynomialData]:
         """(first `share` of every stretch, the rest)."""
         cut = [[(s[: int(share * len(s))], s[int(share * len(s)):]) for s in r.stretches] for r in self.runs]
         first, rest = (replace(self, runs=tuple(replace(r, stretches=tuple(c[i] for c in cuts))
@@ -37,12 +37,13 @@ class Data:
         return first, rest
 
 
-def data_of(experiments: Sequence[Experiment]) -> Data:
+def data_of(experiments: Sequence[Experiment]) -> PolynomialData:
     """Torque and the motor's speed of every recording."""
     role = output_role(experiments, None)
     runs = tuple(stretches_of(e, role) for e in experiments)
     steps = {round(r.step, 12) for r in runs}
     if len(steps) > 1:
         raise BadRecording("recordings of one sample interval for a discrete-time model",
-                           ", ".join(f"{r.step:g} s in {r.name}" for r in runs), "Fit them apart, or resample.")
-    return Data(runs, role, runs[0].step)
+                           ", ".join(f"{r.step:g} s in {r.name}" for r in runs),
+                           "Fit them separately, or resample.")
+    return PolynomialData(runs, role, runs[0].step)

@@ -9,7 +9,7 @@ import numpy as np
 
 from drivetool.errors import NotEnoughData
 from drivetool.identify.frequency import (
-    UNEXPLAINED,
+    MAX_CHI_SQUARE,
     LineProblem,
     Response,
     line_weights,
@@ -40,16 +40,16 @@ class PolynomialResponse:
     def at(self, values: Sequence[float], gradient: bool = True) -> tuple[np.ndarray, np.ndarray]:
         """((n,) complex G, (n, k) complex dG)."""
         s, values = self.structure, np.asarray(values, float)
-        late = np.exp(-2j * np.pi * self.frequency * self.step)  # 1/q
-        top, bottom = (np.polyval(s.polynomial(p, values)[::-1], late) for p in "BF")
-        g, slopes = top / bottom, np.zeros((len(late), len(values) if gradient else 0), complex)
+        delay = np.exp(-2j * np.pi * self.frequency * self.step)  # 1/q
+        top, bottom = (np.polyval(s.polynomial(p, values)[::-1], delay) for p in "BF")
+        g, slopes = top / bottom, np.zeros((len(delay), len(values) if gradient else 0), complex)
         for letter, factor in (("B", 1.0 / bottom), ("F", -g / bottom)) if gradient else ():
             _, table = s.basis(letter)
-            slopes[:, s.part(letter)] = factor[:, None] * (late[:, None] ** np.arange(len(table)) @ table)
+            slopes[:, s.part(letter)] = factor[:, None] * (delay[:, None] ** np.arange(len(table)) @ table)
         return g, slopes
 
 
-def through_response(fit: PemFit, r: Response, step: float, weighting: str) -> tuple[PemFit, float]:
+def fit_to_response(fit: PemFit, r: Response, step: float, weighting: str) -> tuple[PemFit, float]:
     """An output-error model moved from the time domain to the lines of a response.
 
     fit        in the time domain: the start
@@ -73,13 +73,14 @@ def through_response(fit: PemFit, r: Response, step: float, weighting: str) -> t
         return LineProblem(model, r.g, weight, logarithm, r.bins, np.full(k, -np.inf), np.full(k, np.inf),
                            0.3 * np.abs(fit.values) + 1e-3)
 
-    first = solve(problem("coherence"), Point(fit.values, ()), most=200, relative=1e-12)
-    best = solve(problem("variance"), first.point, most=200, relative=1e-12)
+    first = solve(problem("coherence"), Point(fit.values, ()), max_iterations=200, relative=1e-12)
+    best = solve(problem("variance"), first.point, max_iterations=200, relative=1e-12)
     chi = best.cost / max(problem("variance").count - k, 1)
     chosen = problem(weighting)
     solution = first if weighting == "coherence" else best
-    covariance = sandwich(chosen, solution) if chi >= UNEXPLAINED else noise_covariance(chosen, solution, r)
+    covariance = sandwich(chosen, solution) if chi >= MAX_CHI_SQUARE else noise_covariance(chosen, solution, r)
     point = replace(fit.solution.point, values=solution.point.values)
     held = replace(fit.problem, held=np.ones(k, bool))
-    return replace(fit, solution=replace(solve(held, point, most=5, damping=1e-9), iterations=solution.iterations),
+    return replace(fit, solution=replace(solve(held, point, max_iterations=5, damping=1e-9),
+                                         iterations=solution.iterations),
                    covariance=covariance), chi

@@ -1,4 +1,4 @@
-"""What a polynomial model says about the drive: poles, zeros, notches, resonances, response, with their std.
+"""Figures of a drive by a polynomial model: poles, zeros, notches, resonances, response, with their std.
 
 Every figure comes with its exact gradient over the coefficients; the std follows by the delta method.
 """
@@ -12,8 +12,9 @@ import numpy as np
 from drivetool.identify.polynomial.pem_fit import PemFit
 from drivetool.identify.polynomial.pem_model import Structure
 
-RINGS = 0.7  # damping ratio below which a pair counts as a resonance or a notch
-BAND = 0.8  # of the Nyquist frequency; zeros beyond it come from sampling
+# Damping ratio, about 1/sqrt(2), below which a pair has a resonance or a notch in its response.
+MAX_RINGING_DAMPING = 0.7
+MAX_NYQUIST_SHARE = 0.8  # of the Nyquist frequency, a choice; zeros beyond it come from sampling
 
 
 @dataclass(frozen=True)
@@ -29,7 +30,7 @@ class Root:
 
 
 @dataclass(frozen=True)
-class Pair:
+class RootPair:
     """A pair of complex roots: frequency [rad/s] and damping ratio with std.
 
     both gradients (k,) over the coefficients
@@ -62,40 +63,41 @@ def roots_of(structure: Structure, values: np.ndarray, letter: str, step: float)
     return sorted(found, key=lambda r: (abs(r.s), r.s.imag))
 
 
-def pairs_of(roots: list[Root], step: float) -> list[Pair]:
-    """Pairs that ring within the band, by frequency."""
+def pairs_of(roots: list[Root], step: float) -> list[RootPair]:
+    """Weakly damped pairs within the band, by frequency."""
     found = []
     for r in roots:
         w = abs(r.s)
-        if r.s.imag <= 0.0 or r.s.imag > BAND * np.pi / step or abs(r.s.real) > RINGS * w:
+        if r.s.imag <= 0.0 or r.s.imag > MAX_NYQUIST_SHARE * np.pi / step or abs(
+                r.s.real) > MAX_RINGING_DAMPING * w:
             continue
         dw = (np.conj(r.s) * r.gradient).real / w
         zeta = -r.s.real / w
-        found.append(Pair(float(w), float(zeta), dw, -r.gradient.real / w - zeta * dw / w))
+        found.append(RootPair(float(w), float(zeta), dw, -r.gradient.real / w - zeta * dw / w))
     return sorted(found, key=lambda p: p.rad_s)
 
 
 @dataclass(frozen=True)
-class Figures:
+class ModelFigures:
     """Poles, zeros and pairs of a fitted model, over its covariance.
 
-    unstable  growing poles that no integrator explains, in words; empty if there are none
+    unstable  unstable poles that are no integrator, in words; empty if there are none
     """
 
     fit: PemFit
     step: float
     poles: list[Root]
     zeros: list[Root]
-    resonances: list[Pair]
-    notches: list[Pair]
+    resonances: list[RootPair]
+    notches: list[RootPair]
     unstable: str
 
     def std(self, gradient: np.ndarray) -> float | None:
-        """By the delta method; None where the covariance does not say."""
+        """By the delta method; None where the covariance has no value."""
         variance = float(gradient @ self.fit.covariance @ gradient)
         return float(np.sqrt(variance)) if np.isfinite(variance) and variance > 0.0 else None
 
-    def pair(self, p: Pair) -> dict[str, object]:
+    def pair(self, p: RootPair) -> dict[str, object]:
         """A pair as plain numbers."""
         std = self.std(p.d_rad_s)
         return {"rad_s": {"value": p.rad_s, "std": std},
@@ -118,7 +120,7 @@ class Figures:
         bottom = np.polyval(s.polynomial(bottom_letter, values)[::-1], z)
         g = top / bottom
         gradient = np.zeros((len(z), len(values)), complex)
-        with np.errstate(divide="ignore", invalid="ignore"):  # a model that never answers has no ln G
+        with np.errstate(divide="ignore", invalid="ignore"):  # a model without response has no ln G
             for letter, factor in (("B", 1.0 / top), (bottom_letter, -1.0 / bottom)):
                 _, table = s.basis(letter)
                 powers = z[:, None] ** np.arange(len(table))
@@ -126,17 +128,17 @@ class Figures:
         return g, gradient
 
 
-def figures_of(fit: PemFit, step: float) -> Figures:
+def figures_of(fit: PemFit, step: float) -> ModelFigures:
     """Poles, zeros, pairs; and whether the model can be simulated."""
     s, values = fit.structure, fit.values
     poles, zeros = roots_of(s, values, s.dynamics, step), roots_of(s, values, "B", step)
-    draft = Figures(fit, step, poles, zeros, pairs_of(poles, step), pairs_of(zeros, step), "")
+    draft = ModelFigures(fit, step, poles, zeros, pairs_of(poles, step), pairs_of(zeros, step), "")
     longest = max(len(d.y) for d in fit.problem.stretches) * step
-    return Figures(fit, step, poles, zeros, draft.resonances, draft.notches, _unstable(draft, longest))
+    return ModelFigures(fit, step, poles, zeros, draft.resonances, draft.notches, _unstable_poles(draft, longest))
 
 
-def _unstable(f: Figures, longest: float) -> str:
-    """Poles that grow. A real one that is not told from an integrator does not count."""
+def _unstable_poles(f: ModelFigures, longest: float) -> str:
+    """Unstable poles. A real one that is not distinguishable from an integrator does not count."""
     bad = []
     for r in f.poles:
         if r.s.real <= 0.0:

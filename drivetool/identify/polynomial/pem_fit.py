@@ -10,16 +10,18 @@ from scipy.linalg import toeplitz
 from scipy.signal import lfilter
 
 from drivetool.errors import NotEnoughData
-from drivetool.identify.polynomial.pem_model import Prediction, Stretch, Structure, _shifts
+from drivetool.identify.polynomial.pem_model import Prediction, Stretch, Structure, _delayed_columns
 from drivetool.identify.polynomial.pem_restricted import restricted_shift
 from drivetool.identify.problem import Point, Solution, solve
 
-MOST = 100  # steps of a descent
-ROUNDS = 8  # of the instrumental-variable start, at most
-SAME = 1e-4  # relative change of its cost at which it has arrived
-TURNS = 2  # of the restricted likelihood: its slope is taken where the last turn ended
-RATES = (0.02, 0.1, 0.5)  # where the start looks for the dynamics, over the sampling rate
-SPARE = 20  # samples beyond the unknowns
+MAX_DESCENT_ITERATIONS = 100  # iterations of a descent, a choice that bounds the time
+MAX_INSTRUMENTAL_ROUNDS = 8  # of the instrumental-variable start, at most, a choice that bounds the time
+INSTRUMENTAL_TOLERANCE = 1e-4  # relative change of its cost at which it has converged: a start needs no more digits
+# Newton steps of the restricted likelihood, each with the gradient at the end of the one before; a choice.
+RESTRICTED_STEPS = 2
+# Poles of the start's filter over the sampling rate, a choice: slow, medium, fast dynamics.
+START_FILTER_RATES = (0.02, 0.1, 0.5)
+MIN_SPARE_SAMPLES = 20  # samples beyond the unknowns, a choice: fewer leave no estimate of the noise
 
 
 @dataclass(frozen=True)
@@ -54,46 +56,48 @@ def fit_structure(stretches: Sequence[Stretch], structure: Structure) -> PemFit:
     """The structure fitted to all stretches together.
 
     stretches  torque and output; means may be anything
-    returns    PemFit; what its numbers are worth is said elsewhere
+    returns    PemFit; `structure_findings` assesses it
     raises     NotEnoughData: fewer samples than unknowns and 20 more in a stretch
     source     Ljung 1999, sec. 7.2 (predictors), 10.2 (gradients), 9.4 (covariance where the errors are not
                white); start: Young 2011, refined instrumental variables
     """
     structure = replace(structure, rate=1.0)
-    least = 2 * structure.order + structure.noise_parameters + 1 + SPARE
+    least = 2 * structure.order + structure.noise_parameters + 1 + MIN_SPARE_SAMPLES
     stretches = tuple(replace(s, u=s.u - s.u.mean(), y=s.y - s.y.mean()) for s in stretches if len(s.y) >= least)
     if not stretches:
         raise NotEnoughData(f"a stretch of at least {least} samples for order {structure.order}",
                             "shorter ones only", "Record longer, or lower --order.")
-    starts = sorted((_instrumental(stretches, structure, rate) for rate in RATES), key=lambda s: s[0])
-    oe = [_descended(stretches, replace(structure, kind="oe", rate=rate), values)
+    starts = sorted((_instrumental_start(stretches, structure, rate)
+                     for rate in START_FILTER_RATES), key=lambda s: s[0])
+    oe = [_fit_from(stretches, replace(structure, kind="oe", rate=rate), values)
           for cost, rate, values in starts[:2] if np.isfinite(cost)]
     if not oe:
         raise NotEnoughData("a record that a model of this order can be started from", "none that converged",
                             "Excite more, or lower --order.")
     problem, solution = min(oe, key=lambda found: found[1].cost)
     if structure.kind != "oe":
-        problem, solution = _with_noise(problem, solution, structure)
-    return _restricted(_judged(problem, solution))
+        problem, solution = _fit_with_noise_model(problem, solution, structure)
+    return _with_restricted_noise(_with_covariance(problem, solution))
 
 
-def _restricted(fit: PemFit) -> PemFit:
+def _with_restricted_noise(fit: PemFit) -> PemFit:
     """The fit with its noise by restricted likelihood, and all other coefficients along with it."""
     likeliest, problem = fit.values, fit.problem
     held = replace(problem, held=np.ones(len(problem.names), bool))
-    for _ in range(TURNS if problem.structure.noise_parameters else 0):
+    for _ in range(RESTRICTED_STEPS if problem.structure.noise_parameters else 0):
         with np.errstate(all="ignore"):
             shift = restricted_shift(problem, fit.solution.point, fit.covariance)
         point = Point(likeliest + shift, fit.solution.point.starts)
         if not np.any(shift) or not np.isfinite(problem.cost(point)):
             break
-        point = solve(held, point, most=5, damping=1e-9).point
-        fit = _judged(problem, replace(fit.solution, point=point, normal=problem.normal(point)))
+        point = solve(held, point, max_iterations=5, damping=1e-9).point
+        fit = _with_covariance(problem, replace(fit.solution, point=point, normal=problem.normal(point)))
     return fit
 
 
-def _descended(stretches: tuple[Stretch, ...], structure: Structure, values: np.ndarray,
-               starts: tuple[np.ndarray, ...] | None = None, most: int = MOST) -> tuple[Prediction, Solution]:
+def _fit_from(stretches: tuple[Stretch, ...], structure: Structure, values: np.ndarray,
+              starts: tuple[np.ndarray, ...] | None = None,
+              max_iterations: int = MAX_DESCENT_ITERATIONS) -> tuple[Prediction, Solution]:
     """Levenberg-Marquardt from coefficients; the start states first."""
     k = len(structure.names)
     size = np.full(k, 0.5)
@@ -104,15 +108,16 @@ def _descended(stretches: tuple[Stretch, ...], structure: Structure, values: np.
     problem = Prediction(structure, stretches, size)
     point = Point(values, starts or problem.zeros())
     if starts is None:
-        point = solve(replace(problem, held=np.ones(k, bool)), point, most=5, damping=1e-9).point
-    return problem, solve(problem, point, most=most, relative=1e-9)
+        point = solve(replace(problem, held=np.ones(k, bool)), point, max_iterations=5, damping=1e-9).point
+    return problem, solve(problem, point, max_iterations=max_iterations, relative=1e-9)
 
 
-def _with_noise(problem: Prediction, solution: Solution, structure: Structure) -> tuple[Prediction, Solution]:
+def _fit_with_noise_model(problem: Prediction, solution: Solution,
+                          structure: Structure) -> tuple[Prediction, Solution]:
     """From an output-error model to a structure that models the noise as well.
 
-    bj starts with the noise it leaves over; armax and innovations with C = F, which says the same as
-    the output-error model; arx is linear and needs no start but the poles' rate.
+    bj starts with the residual noise; armax and innovations with C = F, which is equivalent to the
+    output-error model; arx is linear and needs no start but the poles' rate.
     """
     rate, old = problem.structure.rate, problem.structure
     structure = replace(structure, rate=rate)
@@ -121,28 +126,29 @@ def _with_noise(problem: Prediction, solution: Solution, structure: Structure) -
     poles = solution.point.values[old.part("F")]
     if structure.kind == "bj":
         values[structure.part("F")] = poles
-        left = np.concatenate([problem.errors(solution.point.values, s, d)
-                               for s, d in zip(solution.point.starts, problem.stretches, strict=True)])
-        ar = yule_walker(left, structure.noise)
+        residual = np.concatenate([problem.errors(solution.point.values, s, d)
+                                   for s, d in zip(solution.point.starts, problem.stretches, strict=True)])
+        ar = yule_walker(residual, structure.noise)
         values[structure.part("D")] = ar
-        return _descended(problem.stretches, structure, values, solution.point.starts)
+        return _fit_from(problem.stretches, structure, values, solution.point.starts)
     values[structure.part("A")] = poles
     trials = [np.zeros(structure.size("C"))]
     if structure.kind == "innovations":
         base, table = structure.basis("C")
         trials = []
-        # Poles of the predictor, from output error towards dead beat; and as the errors of the start ask.
+        # Poles of the predictor, from output error towards dead beat; and those fitted to the start's errors.
         firsts = [np.poly(pull * _stable(np.roots(structure.polynomial("A", values)))) for pull in (1.0, 0.9, 0.7,
             0.3)]
         for c in [*firsts, _moving_average(problem, solution)]:
             trials.append(np.linalg.lstsq(table, c.real - base, rcond=None)[0])
-    found, few = [], 12 if len(trials) > 1 else MOST
+    found, trial_iterations = [], 12 if len(trials) > 1 else MAX_DESCENT_ITERATIONS
     for trial in trials:
         values = values.copy()
         values[structure.part("C")] = trial
-        found.append(_descended(problem.stretches, structure, values, solution.point.starts, few))
+        found.append(_fit_from(problem.stretches, structure, values, solution.point.starts, trial_iterations))
     found.sort(key=lambda f: f[1].cost)
-    ends = [(p, s if s.converged or few == MOST else solve(p, s.point, most=MOST, relative=1e-9))
+    ends = [(p, s if s.converged or trial_iterations == MAX_DESCENT_ITERATIONS
+             else solve(p, s.point, max_iterations=MAX_DESCENT_ITERATIONS, relative=1e-9))
             for p, s in found[:2]]
     return min(ends, key=lambda f: f[1].cost)
 
@@ -165,15 +171,15 @@ def _moving_average(problem: Prediction, solution: Solution) -> np.ndarray:
 
 
 def _stable(roots: np.ndarray) -> np.ndarray:
-    """Roots reflected to inside the unit circle, and off its rim."""
+    """Roots reflected into the unit circle, with a margin to its edge."""
     size = np.abs(roots)
     outside = size >= 1.0
     roots = np.where(outside, 1.0 / np.conj(np.where(outside, roots, 1.0)), roots)
     return roots * np.minimum(1.0, 0.9999 / np.maximum(np.abs(roots), 1e-12))
 
 
-def _instrumental(stretches: Sequence[Stretch], structure: Structure, rate: float,
-                  ) -> tuple[float, float, np.ndarray]:
+def _instrumental_start(stretches: Sequence[Stretch], structure: Structure, rate: float,
+                       ) -> tuple[float, float, np.ndarray]:
     """(simulation cost, rate, output-error coefficients) by refined instrumental variables.
 
     All signals pass 1/F of the round before; the instruments are the simulated output.
@@ -184,15 +190,15 @@ def _instrumental(stretches: Sequence[Stretch], structure: Structure, rate: floa
     # F = ((q - 1)/rate + 1)^n: all poles at the rate, which is a state-variable filter.
     values[f] = np.poly(-np.ones(s.order))[1:]
     best = (np.inf, rate, values)
-    for turn in range(ROUNDS):
+    for turn in range(MAX_INSTRUMENTAL_ROUNDS):
         try:
             values, cost = _instrumental_round(stretches, s, values, f, b, turn)
         except (np.linalg.LinAlgError, FloatingPointError):
             break
-        arrived = turn > 1 and abs(cost - best[0]) < SAME * best[0]
+        converged = turn > 1 and abs(cost - best[0]) < INSTRUMENTAL_TOLERANCE * best[0]
         if cost < 0.999999 * best[0]:
             best = (cost, rate, values)
-        if arrived:
+        if converged:
             break
     return best
 
@@ -208,14 +214,14 @@ def _instrumental_round(stretches, s: Structure, values: np.ndarray, f: slice, b
     for d in stretches:
         y, u = lfilter([1.0], bottom, d.y), lfilter([1.0], bottom, d.u)
         one = lfilter([1.0], bottom, np.ones(len(u)))
-        ys = _shifts(y, s.order + 1)
-        phi = np.hstack([-ys @ tf, _shifts(u, len(tb)) @ tb])
-        tail = np.column_stack([one, _shifts(lfilter([1.0], bottom, np.eye(1, len(u))[0]), s.order)])
+        ys = _delayed_columns(y, s.order + 1)
+        phi = np.hstack([-ys @ tf, _delayed_columns(u, len(tb)) @ tb])
+        tail = np.column_stack([one, _delayed_columns(lfilter([1.0], bottom, np.eye(1, len(u))[0]), s.order)])
         tail = tail / np.maximum(np.linalg.norm(tail, axis=0), 1e-300)
         z = phi
         if turn:
             x = lfilter(s.polynomial("B", values), bottom, d.u)
-            z = np.hstack([-_shifts(lfilter([1.0], bottom, x), s.order + 1) @ tf, phi[:, s.order:]])
+            z = np.hstack([-_delayed_columns(lfilter([1.0], bottom, x), s.order + 1) @ tf, phi[:, s.order:]])
         q, _ = np.linalg.qr(tail)
         target = ys @ base
         phi, target = phi - q @ (q.T @ phi), target - q @ (q.T @ target)
@@ -231,7 +237,7 @@ def _instrumental_round(stretches, s: Structure, values: np.ndarray, f: slice, b
     with np.errstate(all="ignore"):
         if not np.isfinite(problem.cost(point)):
             raise np.linalg.LinAlgError
-        done = solve(replace(problem, held=np.ones(k, bool)), point, most=3, damping=1e-9)
+        done = solve(replace(problem, held=np.ones(k, bool)), point, max_iterations=3, damping=1e-9)
     return values, done.cost
 
 
@@ -245,11 +251,11 @@ def yule_walker(x: np.ndarray, order: int) -> np.ndarray:
     return -np.linalg.solve(toeplitz(r[:-1]), r[1:])
 
 
-def _judged(problem: Prediction, solution: Solution) -> PemFit:
+def _with_covariance(problem: Prediction, solution: Solution) -> PemFit:
     """Covariance and whiteness at the end of a fit.
 
-    Where the errors are not white, an output-error model still points at the truth in open loop but
-    the inverse of its information is no covariance: the colour of the errors goes into it.
+    Where the errors are not white, an output-error model is still unbiased in open loop, but the inverse
+    of its information is no covariance: the colour of the errors enters it.
     """
     from scipy.stats import chi2
 
@@ -265,7 +271,7 @@ def _judged(problem: Prediction, solution: Solution) -> PemFit:
     statistic = len(e) * float(np.sum(r**2))
     p = float(chi2.sf(statistic, max(lags - problem.structure.noise_parameters, 1)))
     white = p > 1e-3
-    ar, spread = (np.ones(1), variance) if white else _whitener(problem, point.values, errors, degrees)
+    ar, whitened_variance = (np.ones(1), variance) if white else _whitener(problem, point.values, errors, degrees)
     total, inner = np.zeros((k, k)), np.zeros((k, k))
     for j in derivatives:
         # The part of the start values is taken out of the derivatives: they belong to one stretch each.
@@ -279,7 +285,7 @@ def _judged(problem: Prediction, solution: Solution) -> PemFit:
             inner += j.T @ j
     size = np.sqrt(np.maximum(np.diag(total), 1e-300))
     inverse = np.linalg.pinv(total / np.outer(size, size), rcond=1e-15, hermitian=True) / np.outer(size, size)
-    covariance = variance * inverse if white else spread * inverse @ inner @ inverse
+    covariance = variance * inverse if white else whitened_variance * inverse @ inner @ inverse
     return PemFit(problem, solution, covariance, white, p, float(np.sqrt(variance)))
 
 
@@ -287,8 +293,8 @@ def _whitener(problem: Prediction, values: np.ndarray, errors: Sequence[np.ndarr
               ) -> tuple[np.ndarray, float]:
     """(polynomial that makes the errors white, variance behind it).
 
-    An autoregression; or one after the plant's own poles, which torque noise that went through the plant
-    has, and which are too slow for an autoregression of a few lags.
+    An autoregression; or one after the plant's own poles. Torque noise through the plant has these poles, and
+    they are too slow for an autoregression of a few lags.
     """
     s = problem.structure
     plant = np.poly(_stable(np.roots(s.polynomial(s.dynamics, values)))).real
@@ -296,7 +302,7 @@ def _whitener(problem: Prediction, values: np.ndarray, errors: Sequence[np.ndarr
     for first in (np.ones(1), plant):
         bare = [lfilter(first, [1.0], x)[len(first) - 1:] for x in errors]
         ar = np.concatenate([[1.0], yule_walker(np.concatenate(bare), min(40, problem.count // 20))])
-        left = sum(float(np.sum(lfilter(ar, [1.0], x)[len(ar):] ** 2)) for x in bare)
-        trials.append((left / degrees, np.convolve(first, ar)))
-    spread, polynomial = min(trials, key=lambda t: t[0])
-    return polynomial, spread
+        variance = sum(float(np.sum(lfilter(ar, [1.0], x)[len(ar):] ** 2)) for x in bare)
+        trials.append((variance / degrees, np.convolve(first, ar)))
+    whitened_variance, polynomial = min(trials, key=lambda t: t[0])
+    return polynomial, whitened_variance

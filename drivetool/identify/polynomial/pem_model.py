@@ -87,13 +87,13 @@ class Structure:
 
 
 @lru_cache(maxsize=256)
-def _basis(k: int, slow: bool, led: bool, rate: float) -> tuple[np.ndarray, np.ndarray]:
-    """(base (k+1,), T (k+1, k)); slow: over powers of (q - 1)/rate, led: with a leading one."""
+def _basis(k: int, slow: bool, leading_one: bool, rate: float) -> tuple[np.ndarray, np.ndarray]:
+    """(base (k+1,), T (k+1, k)); slow: over powers of (q - 1)/rate, leading_one: with a leading one."""
     table = np.eye(k + 1, k, -1)
     for j in range(1, k + 1 if slow else 1):
         table[:, j - 1] = rate**j * _shifted_differences(j, k)
     base = np.zeros(k + 1)
-    if led:
+    if leading_one:
         base = _shifted_differences(0, k) if slow else np.eye(1, k + 1)[0]
     base.setflags(write=False)
     table.setflags(write=False)
@@ -121,8 +121,8 @@ class Stretch:
 class Prediction:
     """A polynomial model as a least-squares problem for `least_squares.solve`.
 
-    Shared values: the coefficients. Start of a stretch: what its first samples bring along (order
-    values), and u0, the torque that keeps it where it is.
+    Shared values: the coefficients. Start of a stretch: its initial state (order values), and u0, the torque
+    that keeps it at rest.
     """
 
     structure: Structure
@@ -167,9 +167,9 @@ class Prediction:
 
     @cached_property
     def heads(self) -> np.ndarray:
-        """(order, order) from start values to the pulses they stand for.
+        """(order, order) from start values to the pulses that they represent.
 
-        Differences of rising order: single pulses through slow poles look all the same.
+        Differences of rising order: single pulses through slow poles are nearly collinear.
         """
         n = self.structure.order
         table = np.zeros((n, n))
@@ -178,7 +178,7 @@ class Prediction:
         return table
 
     def zeros(self) -> tuple[np.ndarray, ...]:
-        """Starts before anything is known."""
+        """Initial starts, all zero."""
         return tuple(np.zeros(self.own) for _ in self.stretches)
 
     def errors(self, values: np.ndarray, start: np.ndarray, stretch: Stretch) -> np.ndarray:
@@ -186,9 +186,9 @@ class Prediction:
         return self._signals(values, start, stretch)[-1]
 
     def simulated(self, values: np.ndarray, start: np.ndarray, stretch: Stretch) -> np.ndarray:
-        """(n,) the output without the help of measured ones."""
+        """(n,) the output in a free run."""
         s = self.structure
-        top, pulse = s.polynomial("B", values), _pulse(self.heads @ start[:-1], len(stretch.u))
+        top, pulse = s.polynomial("B", values), _padded(self.heads @ start[:-1], len(stretch.u))
         bottom = s.polynomial(s.dynamics, values)
         return lfilter(top, bottom, stretch.u - start[-1]) + lfilter([1.0], bottom, pulse)
 
@@ -196,7 +196,7 @@ class Prediction:
         """Polynomials, (torque, model output, equation error, prediction error)."""
         p = {letter: self.structure.polynomial(letter, values) for letter in "ABFCD"}
         v = stretch.u - start[-1]
-        driven = lfilter(p["B"], [1.0], v) + _pulse(self.heads @ start[:-1], len(v))
+        driven = lfilter(p["B"], [1.0], v) + _padded(self.heads @ start[:-1], len(v))
         w = lfilter([1.0], p["F"], driven)
         s = lfilter(p["A"], [1.0], stretch.y) - w
         return p, v, w, s, lfilter(p["D"], p["C"], s)
@@ -207,7 +207,7 @@ class Prediction:
         kind, n = POLYNOMIALS[self.structure.kind], len(v)
 
         def through(x: np.ndarray) -> np.ndarray:
-            """What a change of the driven side does to the errors, poles before zeros."""
+            """Effect of a change of the driven side on the errors, poles before zeros."""
             return lfilter(p["D"], p["C"], lfilter([1.0], p["F"], x))
 
         base = {"B": lambda: -through(v), "F": lambda: through(w), "A": lambda: lfilter(p["D"], p["C"], stretch.y),
@@ -215,12 +215,13 @@ class Prediction:
         if self.held is not None and self.held.all():
             columns = [np.zeros((n, len(self.names)))]  # only the start values are wanted, at a third of the cost
         else:
-            columns = [_shifts(base[letter](), len(self.bases[letter])) @ self.bases[letter] for letter in kind]
-        columns.append(-_shifts(through(_pulse(np.ones(1), n)), self.own - 1) @ self.heads)
+            columns = [_delayed_columns(base[letter](), len(self.bases[letter])) @ self.bases[letter]
+                       for letter in kind]
+        columns.append(-_delayed_columns(through(_padded(np.ones(1), n)), self.own - 1) @ self.heads)
         columns.append(through(lfilter(p["B"], [1.0], np.ones(n)))[:, None])
         return e, np.hstack(columns)
 
-    # what least_squares.solve asks for
+    # The interface of least_squares.solve.
 
     def normal(self, point: Point, gains: object = None) -> Normal:
         """Normal equations at a point."""
@@ -256,14 +257,14 @@ class Prediction:
         return Point(point.values + step, tuple(a + b for a, b in zip(point.starts, own, strict=True)))
 
 
-def _pulse(head: np.ndarray, n: int) -> np.ndarray:
+def _padded(head: np.ndarray, n: int) -> np.ndarray:
     """(n,) zero but for its first values."""
     x = np.zeros(n)
     x[: len(head)] = head
     return x
 
 
-def _shifts(x: np.ndarray, count: int) -> np.ndarray:
+def _delayed_columns(x: np.ndarray, count: int) -> np.ndarray:
     """(n, count) a signal delayed by 0, 1, ... samples."""
     table = np.zeros((len(x), count))
     for j in range(count):

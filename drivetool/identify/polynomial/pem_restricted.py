@@ -1,9 +1,9 @@
-"""Noise coefficients by restricted likelihood: what the dynamics absorb is not missing from the noise.
+"""Noise coefficients by restricted likelihood (REML): they are not biased by the fit of the dynamics.
 
-Maximum likelihood fits noise to what the dynamics leave over, and they take the most where the noise counts
-most for them: over a record of few periods of the resonance the stated intervals came out 7 % too short.
-The restricted likelihood integrates over the dynamics and the starts. For the noise coefficients alone that
-adds half the logarithm of the determinant of their information to the cost.
+Maximum likelihood fits the noise to the residuals of the dynamics, which are too small where the noise matters
+most: over a record of few periods of the resonance the stated intervals came out 7 % too short. The restricted
+likelihood integrates over the dynamics and the starts. For the noise coefficients alone that adds half the
+logarithm of the determinant of their information to the cost.
 """
 
 from __future__ import annotations
@@ -13,8 +13,9 @@ import numpy as np
 from drivetool.identify.polynomial.pem_model import Prediction
 from drivetool.identify.problem import Point
 
-NUDGE = 0.05  # of a standard deviation, for differences
-FARTHEST = 1.0  # standard deviations that a shift may have; beyond, its quadratic picture is no good
+DIFFERENCE_STEP_STDS = 0.05  # of a standard deviation, for differences; a choice between rounding and curvature
+# Standard deviations that a shift may have: beyond, the quadratic approximation is not valid.
+MAX_RESTRICTED_SHIFT = 1.0
 
 
 def noise_columns(problem: Prediction) -> np.ndarray:
@@ -27,7 +28,7 @@ def restricted_shift(problem: Prediction, point: Point, covariance: np.ndarray) 
     """(k,) from the maximum of the likelihood to that of the restricted one.
 
     point       where the determinant is differentiated; covariance (k, k) there
-    returns     zeros where there are no noise coefficients, or the covariance does not know them
+    returns     zeros where there are no noise coefficients, or their covariance is not known
     source      Harville 1977 (restricted likelihood); one Newton step: the Hessian's inverse is the
                 covariance, and the determinant's gradient is over the noise coefficients only
     """
@@ -37,18 +38,19 @@ def restricted_shift(problem: Prediction, point: Point, covariance: np.ndarray) 
         return np.zeros(len(problem.names))
     slope = np.zeros(len(noise))
     for i, column in enumerate(noise):
-        up, down = (_log_volume(problem, point, noise, column, d) for d in (NUDGE * std[i], -NUDGE * std[i]))
-        slope[i] = (up - down) / (2.0 * NUDGE * std[i])
+        up, down = (_half_log_determinant(problem, point, noise, column, d)
+                    for d in (DIFFERENCE_STEP_STDS * std[i], -DIFFERENCE_STEP_STDS * std[i]))
+        slope[i] = (up - down) / (2.0 * DIFFERENCE_STEP_STDS * std[i])
     size = np.sqrt(slope @ covariance[np.ix_(noise, noise)] @ slope)
     if not np.isfinite(size):
         return np.zeros(len(problem.names))
-    return -covariance[:, noise] @ slope * min(1.0, FARTHEST / max(size, 1e-300))
+    return -covariance[:, noise] @ slope * min(1.0, MAX_RESTRICTED_SHIFT / max(size, 1e-300))
 
 
-def _log_volume(problem: Prediction, point: Point, noise: np.ndarray, column: int, nudge: float) -> float:
-    """Half the log determinant of the information on dynamics and starts, one noise coefficient nudged."""
+def _half_log_determinant(problem: Prediction, point: Point, noise: np.ndarray, column: int, shift: float) -> float:
+    """Half the log determinant of the information on dynamics and starts, one noise coefficient shifted."""
     values, k = point.values.copy(), len(problem.names)
-    values[column] += nudge
+    values[column] += shift
     dynamics = np.setdiff1d(np.arange(k), noise)
     total, shared = 0.0, []
     for start, stretch in zip(point.starts, problem.stretches, strict=True):

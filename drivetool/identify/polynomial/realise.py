@@ -16,20 +16,22 @@ from drivetool.drive import Drive, state_space
 from drivetool.identify.estimate import Z95, Covariance, Parameter
 from drivetool.identify.frequency import LineProblem
 from drivetool.identify.polynomial.cauer import chain_of
-from drivetool.identify.polynomial.pem_figures import RINGS, Figures
+from drivetool.identify.polynomial.pem_figures import MAX_RINGING_DAMPING, ModelFigures
 from drivetool.identify.problem import Point, solve
 from drivetool.identify.setup import HeldResponse
 
-POINTS = 60
-ALIKE = 1e-9  # rms of it at which the search may end
-EQUAL = 1e-4  # rms of the relative difference up to which two responses count as the same
-Found = dict[str, tuple[float, float | None]]
+# Frequencies at which responses are compared, a choice: several per parameter of a chain of four bodies.
+RESPONSE_POINTS = 60
+TARGET_RESPONSE_RMS = 1e-9  # rms of the relative difference at which the search ends: some digits above rounding
+# The same up to which two responses are equal, a choice: far below the noise of any record.
+MAX_EQUAL_RESPONSE_RMS = 1e-4
+ChainValues = dict[str, tuple[float, float | None]]
 
 
-def undamped(drive: Drive, f: Figures) -> dict[str, float]:
+def undamped(drive: Drive, f: ModelFigures) -> dict[str, float]:
     """Start values by the continued fraction; empty if the model has no such chain.
 
-    Friction is shared out by inertia, shaft damping as the damping ratio of the resonance asks.
+    Friction is shared in proportion to inertia; shaft damping follows from the damping ratio of the resonance.
     """
     n = len(drive.bodies)
     if len(f.resonances) != n - 1 or len(f.notches) != n - 1:
@@ -50,21 +52,21 @@ def undamped(drive: Drive, f: Figures) -> dict[str, float]:
             square *= (drive.value(f"{shaft}.ratio") or 1.0) ** 2
             found[f"{shaft}.stiffness"] = stiffnesses[i - 1] * square
             found[f"{shaft}.damping"] = 2.0 * max(pair.damping, 0.0) / pair.rad_s * found[f"{shaft}.stiffness"]
-        name, value = _mass_of(drive, body, inertias[i] * square)
+        name, value = _inertia_or_carried_mass(drive, body, inertias[i] * square)
         found[name] = value
         found[f"{body}.viscous"] = max(pole, 0.0) * inertias[i] * square
     return found
 
 
-def _mass_of(drive: Drive, body: str, inertia: float) -> tuple[str, float]:
-    """(name, value) of what makes up an inertia: the mass a body is known to carry, else its own inertia."""
+def _inertia_or_carried_mass(drive: Drive, body: str, inertia: float) -> tuple[str, float]:
+    """(name, value) of the parameter that sets an inertia: the mass that a body carries, else its own inertia."""
     if not drive.value(f"{body}.carried_mass"):
         return f"{body}.inertia", inertia
     radius, own = drive.value(f"{body}.radius"), drive.value(f"{body}.inertia") or 0.0
     return f"{body}.carried_mass", max(inertia - own, 0.01 * inertia) / radius**2
 
 
-def conversion(drive: Drive, f: Figures, differenced: int = 0) -> tuple[Found, Covariance | None, str]:
+def conversion(drive: Drive, f: ModelFigures, differenced: int = 0) -> tuple[ChainValues, Covariance | None, str]:
     """(name -> (value, std), covariance, why there is none).
 
     drive        a chain of n bodies; its ratios are used, its converter takes no part
@@ -78,16 +80,17 @@ def conversion(drive: Drive, f: Figures, differenced: int = 0) -> tuple[Found, C
             f"{s.order} has "
             f"{len(f.notches)} and {len(f.resonances)}" + (", and is unstable" if f.unstable else ""))
     names = tuple(name for name in drive.quantities if name in start)
-    problem = _same_response(drive.with_values(start), names, f, differenced)
-    loose = Point(np.array([start[name] for name in names]), ())
-    solution = solve(problem, loose, most=200, relative=1e-14, enough=POINTS * ALIKE**2)
+    problem = _response_problem(drive.with_values(start), names, f, differenced)
+    start_point = Point(np.array([start[name] for name in names]), ())
+    solution = solve(problem, start_point, max_iterations=200, relative=1e-14,
+                     target_cost=RESPONSE_POINTS * TARGET_RESPONSE_RMS**2)
     r, j = problem.residual(solution.point.values)
-    if s.order != 2 * n - 1 or np.sqrt(np.mean(np.abs(r) ** 2)) > EQUAL:
+    if s.order != 2 * n - 1 or np.sqrt(np.mean(np.abs(r) ** 2)) > MAX_EQUAL_RESPONSE_RMS:
         return {name: (value, None) for name, value in start.items()}, None, ""
     # Both sides as real numbers: the change of the response with the parameters is that with the coefficients.
-    mine, theirs = np.vstack([j.real, j.imag]), _over_coefficients(problem, f)
-    size = np.linalg.norm(mine, axis=0)
-    table = np.linalg.lstsq(mine / size, theirs, rcond=1e-12)[0] / size[:, None]
+    over_parameters, over_coefficients = np.vstack([j.real, j.imag]), _response_slopes(problem, f)
+    size = np.linalg.norm(over_parameters, axis=0)
+    table = np.linalg.lstsq(over_parameters / size, over_coefficients, rcond=1e-12)[0] / size[:, None]
     matrix = table @ f.fit.covariance @ table.T
     stds = np.sqrt(np.maximum(np.diag(matrix), 0.0))
     found = {name: (float(v), float(d) if np.isfinite(d) and d > 0.0 else None)
@@ -95,20 +98,22 @@ def conversion(drive: Drive, f: Figures, differenced: int = 0) -> tuple[Found, C
     return found, Covariance(names, matrix), ""
 
 
-def ringing(drive: Drive) -> dict[str, float]:
+def ringing_frequencies(drive: Drive) -> dict[str, float]:
     """|s| of the ringing zeros and poles of the drive in continuous time [rad/s]: notch 1, ..., resonance 1, ..."""
-    away = {n: v for n, v in drive.values.items() if not n.startswith(("converter", "sensor"))}
-    a, _, _, _ = state_space(replace(drive, values=away))
+    mechanical = {n: v for n, v in drive.values.items() if not n.startswith(("converter", "sensor"))}
+    a, _, _, _ = state_space(replace(drive, values=mechanical))
     found = {}
     # The torque enters where the speed is measured: its zeros are the poles with that body held.
     for label, matrix in (("notch", a[1:, 1:]), ("resonance", a)):
-        pairs = sorted(abs(s) for s in np.linalg.eigvals(matrix) if s.imag > 0.0 and abs(s.real) < RINGS * abs(s))
+        pairs = sorted(abs(s) for s in np.linalg.eigvals(matrix) if s.imag > 0.0
+                       and abs(s.real) < MAX_RINGING_DAMPING * abs(s))
         found |= {f"{label} {i}": float(w) for i, w in enumerate(pairs, 1)}
     return found
 
 
-def ringing_with_std(drive: Drive, found: Mapping[str, tuple[float, float | None]], covariance: Covariance,
-                     ) -> dict[str, tuple[float, float | None]]:
+def ringing_frequencies_with_std(drive: Drive, found: Mapping[str, tuple[float, float | None]],
+                                 covariance: Covariance,
+                                ) -> dict[str, tuple[float, float | None]]:
     """name -> (rad/s, std) of the drive that a conversion found.
 
     The zeros of a sampled model are not those of the drive: holding the torque moves a notch, by little, but
@@ -116,10 +121,11 @@ def ringing_with_std(drive: Drive, found: Mapping[str, tuple[float, float | None
     """
     values = {**drive.values, **{name: v for name, (v, _) in found.items()}}
     plain = replace(drive, values={n: v for n, v in values.items() if n != "total.viscous"})
-    centre, table = ringing(plain), {}
+    centre, table = ringing_frequencies(plain), {}
     for name in covariance.names:
         d = 1e-6 * max(abs(values[name]), 1e-12)
-        up, down = (ringing(replace(plain, values=plain.values | {name: values[name] + x})) for x in (d, -d))
+        up, down = (ringing_frequencies(replace(plain, values=plain.values | {name: values[name] + x}))
+                    for x in (d, -d))
         table[name] = {k: (up.get(k, np.nan) - down.get(k, np.nan)) / (2.0 * d) for k in centre}
     stds = {}
     for k in centre:
@@ -129,30 +135,31 @@ def ringing_with_std(drive: Drive, found: Mapping[str, tuple[float, float | None
     return {k: (w, stds[k]) for k, w in centre.items()}
 
 
-def _same_response(drive: Drive, names: tuple[str, ...], f: Figures, differenced: int) -> LineProblem:
+def _response_problem(drive: Drive, names: tuple[str, ...], f: ModelFigures, differenced: int) -> LineProblem:
     """The problem of making the chain's response equal to the model's."""
     low = 0.05 * (f.notches[0].rad_s if f.notches else np.pi / f.step / 50.0)
     high = min(2.0 * (f.resonances[-1].rad_s if f.resonances else 20.0 * low), 0.8 * np.pi / f.step)
-    hz = np.geomspace(low, high, POINTS) / (2.0 * np.pi)
+    hz = np.geomspace(low, high, RESPONSE_POINTS) / (2.0 * np.pi)
     g, _ = f.response(hz)
     if differenced:
         w = 2j * np.pi * hz * f.step
         g = g * w / -np.expm1(-w)
-    away = {n: v for n, v in drive.values.items() if not n.startswith(("converter", "sensor"))}
-    plain = Drive(drive.name, drive.bodies, drive.shafts, away, drive.torque_unit, drive.motion_unit)
+    mechanical = {n: v for n, v in drive.values.items() if not n.startswith(("converter", "sensor"))}
+    plain = Drive(drive.name, drive.bodies, drive.shafts, mechanical, drive.torque_unit, drive.motion_unit)
     k = len(names)
-    return LineProblem(HeldResponse(plain, names, "motor_speed", f.step, hz), g, np.ones(POINTS), True, 1.0,
+    return LineProblem(HeldResponse(plain, names, "motor_speed", f.step, hz), g, np.ones(RESPONSE_POINTS), True,
+                       1.0,
                        np.full(k, -np.inf), np.full(k, np.inf),
                        np.array([0.3 * abs(plain.values[n]) + 1e-9 for n in names]))
 
 
-def _over_coefficients(problem: LineProblem, f: Figures) -> np.ndarray:
-    """(2 POINTS, k) change of ln G with the coefficients, real parts then imaginary ones."""
+def _response_slopes(problem: LineProblem, f: ModelFigures) -> np.ndarray:
+    """(2 RESPONSE_POINTS, k) change of ln G with the coefficients, real parts then imaginary ones."""
     _, slopes = f.slopes(problem.model.frequency)
     return np.vstack([slopes.real, slopes.imag])
 
 
-def lines_of(drive: Drive, found: Mapping[str, tuple[float, float | None]], hold: Sequence[str] = (),
+def chain_parameters(drive: Drive, found: Mapping[str, tuple[float, float | None]], hold: Sequence[str] = (),
              ) -> tuple[Parameter, ...]:
     """One line per value of the drive, held ones included."""
     lines = {}

@@ -1,7 +1,7 @@
 """Black box by a polynomial structure: oe, bj, arx, armax, innovations.
 
-Discrete-time prediction-error models as the literature compares them. What they say about the drive
-(poles, notches, resonances, and by a continued fraction inertias and stiffnesses) comes with intervals.
+Discrete-time prediction-error models as the literature compares them. The figures of the drive (poles,
+notches, resonances, and by a continued fraction inertias and stiffnesses) come with intervals.
 """
 
 from __future__ import annotations
@@ -13,26 +13,28 @@ import numpy as np
 
 from drivetool.drive import Drive
 from drivetool.errors import BadOption, NotEnoughData
-from drivetool.identify.estimate import Z95, Covariance, Estimate, Exhibit, fit_percent
+from drivetool.identify.estimate import Z95, Covariance, Estimate, PlotData, fit_percent
 from drivetool.identify.frequency import SpectraOptions, response_of
-from drivetool.identify.polynomial.data import Data, data_of
-from drivetool.identify.polynomial.frequency_oe import through_response
-from drivetool.identify.polynomial.pem_figures import Figures, figures_of
+from drivetool.identify.polynomial.data import PolynomialData, data_of
+from drivetool.identify.polynomial.frequency_oe import fit_to_response
+from drivetool.identify.polynomial.pem_figures import ModelFigures, figures_of
 from drivetool.identify.polynomial.pem_fit import PemFit, fit_structure
 from drivetool.identify.polynomial.pem_model import KINDS, POLYNOMIALS, Prediction, Stretch, Structure
-from drivetool.identify.polynomial.realise import conversion, lines_of, ringing_with_std
-from drivetool.identify.polynomial.structure_findings import bodies_advice, findings_of
+from drivetool.identify.polynomial.realise import chain_parameters, conversion, ringing_frequencies_with_std
+from drivetool.identify.polynomial.structure_findings import bodies_advice, model_findings
 from drivetool.identify.problem import Point, solve
 from drivetool.identify.setup import Options
 from drivetool.logs import Experiment
 
-ORDERS = (1, 3, 5, 7)  # a chain of n bodies has 2 n - 1 states from torque to speed
-HOLDOUT = 0.3
-SIMPLER = 1.05  # of the least unexplained part: the lowest order that comes this close is taken
-NOISE_ORDER = 2
+TRIED_ORDERS = (1, 3, 5, 7)  # a chain of n bodies has 2 n - 1 states from torque to speed
+# Of every stretch, at its end, a choice: more leaves too little to fit, less too little to validate.
+HELD_OUT_SHARE = 0.3
+# Of the least residual, up to which the lowest order is taken; a choice against noise in the score.
+MAX_SIMPLER_RESIDUAL_RATIO = 1.05
+DEFAULT_NOISE_ORDER = 2  # a choice: one resonance of the noise, for which the poles need a pair
 
 
-def structured(experiments: Sequence[Experiment], drive: Drive, options: Options) -> Estimate:
+def polynomial_blackbox(experiments: Sequence[Experiment], drive: Drive, options: Options) -> Estimate:
     """A polynomial model, its figures, and start values of the drive where they follow.
 
     experiments  motor_torque and motor_speed or motor_angle (then the mean speed of each interval),
@@ -53,28 +55,29 @@ def structured(experiments: Sequence[Experiment], drive: Drive, options: Options
                         "Without a noise model there is nothing else to fit to a response.")
     drive.require(options.hold, "holding them (--hold)")
     data = data_of(experiments)
-    _moving(data)
-    noise = NOISE_ORDER if options.noise_order is None else options.noise_order
+    _check_changes(data)
+    noise = DEFAULT_NOISE_ORDER if options.noise_order is None else options.noise_order
     table: list[dict] = []
     order = options.order
     if order is None:
-        order, table = order_of(data, kind, noise)
+        order, table = choose_order(data, kind, noise)
     fit = fit_structure(data.stretches, Structure(kind, order, noise, data.extra))
     if options.criterion != "frequency":
-        return _estimate(experiments, drive, data, figures_of(fit, data.step), table, options.hold)
+        return _structure_estimate(experiments, drive, data, figures_of(fit, data.step), table, options.hold)
     if data.extra:
         raise BadOption("a motor speed for a polynomial model in the frequency domain", "an angle",
                         "Log the speed, or use greybox --criterion frequency.")
-    fit, chi = through_response(fit, response_of(experiments, SpectraOptions(band=options.band)), data.step,
+    fit, chi = fit_to_response(fit, response_of(experiments, SpectraOptions(band=options.band)), data.step,
                                 options.weighting)
-    estimate = _estimate(experiments, drive, data, figures_of(fit, data.step), table, options.hold)
+    estimate = _structure_estimate(experiments, drive, data, figures_of(fit, data.step), table, options.hold)
     return replace(estimate, fit={**estimate.fit, "chi_square_per_degree": chi},
                    details={**estimate.details, "criterion": "frequency", "weighting": options.weighting})
 
 
-def order_of(data: Data, kind: str, noise: int, orders: Sequence[int] = ORDERS) -> tuple[int, list[dict]]:
-    """The order by how it simulates the held-out end of every stretch, and the table behind it."""
-    train, rest = data.parts(1.0 - HOLDOUT)
+def choose_order(data: PolynomialData, kind: str, noise: int,
+                 orders: Sequence[int] = TRIED_ORDERS) -> tuple[int, list[dict]]:
+    """The order by its simulation of the held-out end of every stretch, and the scores of all orders."""
+    train, rest = data.parts(1.0 - HELD_OUT_SHARE)
     table, reason = [], None
     for order in orders:
         try:
@@ -89,7 +92,8 @@ def order_of(data: Data, kind: str, noise: int, orders: Sequence[int] = ORDERS) 
         raise reason or NotEnoughData("a stable model of any order", "none on the first part of the record",
                                       "Give --order, or excite more.")
     least = min(100.0 - row["held_out_simulation_fit_percent"] for row in known)
-    good = [row for row in known if 100.0 - row["held_out_simulation_fit_percent"] <= SIMPLER * least + 0.05]
+    good = [row for row in known
+            if 100.0 - row["held_out_simulation_fit_percent"] <= MAX_SIMPLER_RESIDUAL_RATIO * least + 0.05]
     return good[0]["order"], table
 
 
@@ -111,12 +115,12 @@ def simulate_on(fit: PemFit, stretch: Stretch) -> tuple[np.ndarray, np.ndarray]:
     mean_u, mean_y = stretch.u.mean(), stretch.y.mean()
     moved = replace(stretch, u=stretch.u - mean_u, y=stretch.y - mean_y)
     problem = Prediction(free, (moved,), np.ones(len(stand_in)), np.ones(len(stand_in), bool))
-    point = solve(problem, Point(stand_in, problem.zeros()), most=5, damping=1e-9).point
+    point = solve(problem, Point(stand_in, problem.zeros()), max_iterations=5, damping=1e-9).point
     return stretch.y, problem.simulated(stand_in, point.starts[0], moved) + mean_y
 
 
-def _moving(data: Data) -> None:
-    """Something to fit."""
+def _check_changes(data: PolynomialData) -> None:
+    """Raise NotEnoughData unless torque and output change."""
     if all(np.ptp(s.u) == 0.0 for s in data.stretches):
         raise NotEnoughData("a motor torque that changes", "a constant one", "Record while the drive is excited.")
     if all(np.ptp(s.y) == 0.0 for s in data.stretches):
@@ -124,14 +128,15 @@ def _moving(data: Data) -> None:
                             "Check the channel, or whether the drive was blocked.")
 
 
-def _estimate(experiments: Sequence[Experiment], drive: Drive, data: Data, figures: Figures,
-              table: list[dict], hold: Sequence[str]) -> Estimate:
+def _structure_estimate(experiments: Sequence[Experiment], drive: Drive, data: PolynomialData,
+                        figures: ModelFigures,
+                        table: list[dict], hold: Sequence[str]) -> Estimate:
     fit = figures.fit
     found, covariance, why = conversion(drive, figures, data.extra)
     own = {} if covariance is None else {
         "drive_rad_s": {n: {"value": w, "std": std}
-                        for n, (w, std) in ringing_with_std(drive, found, covariance).items()}}
-    lines = lines_of(drive, found, hold)
+                        for n, (w, std) in ringing_frequencies_with_std(drive, found, covariance).items()}}
+    lines = chain_parameters(drive, found, hold)
     fitted = {p.name: p.value for p in lines if p.status in ("fitted", "at-bound", "not-identifiable")}
     after = drive.with_values({n: v for n, v in fitted.items() if n in found})
     pairs = [] if figures.unstable else [simulate_on(fit, s) for s in data.stretches]
@@ -153,34 +158,35 @@ def _estimate(experiments: Sequence[Experiment], drive: Drive, data: Data, figur
         {"simulation_fit_percent": simulation, "one_step_fit_percent": fit_percent(measured, measured - e),
          "rmse": float(np.sqrt(np.mean(np.concatenate([a - b for a, b in pairs]) ** 2))) if pairs else None,
          "n": int(fit.problem.count), "parameters": len(s.names), "noise_parameters": s.noise_parameters},
-        covariance, {f"one_step_std.{data.role}": fit.sigma}, _details(figures, table) | own,
-        (*bodies_advice(drive, s.kind, s.order, table), *findings_of(figures, data, why, simulation)),
-        tuple(e.source for e in experiments), {}, _exhibits(figures, data, pairs, experiments[0]))
+        covariance, {f"one_step_std.{data.role}": fit.sigma}, _model_details(figures, table) | own,
+        (*bodies_advice(drive, s.kind, s.order, table), *model_findings(figures, data, why, simulation)),
+        tuple(e.source for e in experiments), {}, _model_plots(figures, data, pairs, experiments[0]))
 
 
-def _details(f: Figures, table: list[dict]) -> dict[str, object]:
+def _model_details(f: ModelFigures, table: list[dict]) -> dict[str, object]:
     """Polynomials, roots and pairs as plain numbers."""
     s, values = f.fit.structure, f.fit.values
 
-    def shown(roots) -> list:
+    def as_pairs(roots) -> list:
         return [[r.s.real, r.s.imag] for r in roots]
 
     return {
         "structure": s.kind, "order": s.order, "noise_order": s.noise if s.noise_parameters else 0, "step": f.step,
         "polynomials_over_1/q": {p: s.polynomial(p, values).tolist() for p in POLYNOMIALS[s.kind]},
-        "poles_rad_s": shown(f.poles), "zeros_rad_s": shown(f.zeros),
+        "poles_rad_s": as_pairs(f.poles), "zeros_rad_s": as_pairs(f.zeros),
         "resonances": [f.pair(p) for p in f.resonances], "notches": [f.pair(p) for p in f.notches],
         "unstable": f.unstable, "errors_white_p": f.fit.whiteness_p, "errors_std": f.fit.sigma,
         **({"orders": table} if table else {})}
 
 
-def _exhibits(f: Figures, data: Data, pairs: Sequence[tuple[np.ndarray, np.ndarray]], e: Experiment,
-              ) -> tuple[Exhibit, ...]:
+def _model_plots(f: ModelFigures, data: PolynomialData, pairs: Sequence[tuple[np.ndarray, np.ndarray]],
+                 e: Experiment,
+                ) -> tuple[PlotData, ...]:
     """Measured and simulated; the response with its 95 % region."""
     s, found = f.fit.structure, []
     for run, (y, x) in zip(data.stretches, pairs, strict=False):
         time = np.arange(len(y)) * data.step
-        found.append(Exhibit("record", f"{run.name}: {s.kind} of order {s.order}, free run", "time [s]",
+        found.append(PlotData("record", f"{run.name}: {s.kind} of order {s.order}, free run", "time [s]",
                              f"motor speed [{e.motion_unit}/s]", {
                                  "measured": (time, y), "simulated": (time, x), "residual": (time, y - x)}))
     pole = [abs(r.s) for r in f.poles if r.s.imag > 0.0] or [0.1 / data.step]
@@ -188,7 +194,7 @@ def _exhibits(f: Figures, data: Data, pairs: Sequence[tuple[np.ndarray, np.ndarr
     hz = np.geomspace(low, max(high, 2.0 * low), 400) / (2.0 * np.pi)
     g, std = f.response(hz)
     size = np.abs(g)
-    found.append(Exhibit("response", f"{s.kind} of order {s.order} with its 95 % region", "frequency [Hz]",
+    found.append(PlotData("response", f"{s.kind} of order {s.order} with its 95 % region", "frequency [Hz]",
         f"magnitude [{e.motion_unit}/s/{e.torque_unit}]", {
         "magnitude": (hz, size), "band low": (hz, np.maximum(size - Z95 * std, 0.05 * size)),
         "band high": (hz, size + Z95 * std), "phase": (hz, np.degrees(np.angle(g)))}))

@@ -1,4 +1,4 @@
-"""What is fitted to what, and the least-squares core.
+"""The least-squares problem and its solver.
 
 Traces, free parameters with bounds and residuals come in. A point with its normal equations goes out.
 """

@@ -1,9 +1,9 @@
 from .least_squares import (
     Solution as Solution,
-    approach as approach,
-    blocked as blocked,
+    blocked_by_bounds as blocked_by_bounds,
     marquardt_step as marquardt_step,
     schur as schur,
     solve as solve,
+    take_steps as take_steps,
 )
 from .problem import Normal as Normal, Point as Point, Problem as Problem

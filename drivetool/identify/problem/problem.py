@@ -1,4 +1,4 @@
-"""What is fitted to what: free parameters, traces with their start states, the model between."""
+"""The least-squares problem: free parameters, traces with their start states, and the model."""
 
 from __future__ import annotations
 
@@ -8,11 +8,11 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from drivetool.drive.simulation import Gains, Plant, Trace
+from drivetool.drive.simulation import ObserverGains, Plant, Trace
 
-# Of every thread the plants that it asked for last, with and without sensitivities: a search for a noise makes pass
-# after pass with the same, whose modes have been worked out then.
-_last = threading.local()
+# The plants that each thread used last, with and without sensitivities: a search for a noise makes pass after pass
+# with the same plants, whose modes are then computed already.
+_plants_by_thread = threading.local()
 
 
 @dataclass(frozen=True)
@@ -50,15 +50,15 @@ class Problem:
     free_start index of the states whose start value is estimated
     scale      (ny,) sensor standard deviations relative to the first output, which is sensor_std
     memory     correlation of the torque disturbance state over a `step`, or None
-    step       sampling interval that the memory is of [s]; 0: of every trace its own
-    later      (k,) parameters to leave alone in the first round of a fit
+    step       sampling interval of the memory [s]; 0: of every trace its own
+    later      (k,) parameters that are fixed in the first round of a fit
     bodies     number of bodies, whose speeds are the first states
     by_record  whether the plant differs between recordings
     anchored   index of the free start states that stay where they are in the first stretch
     lag        samples over which a free run's errors are differenced: those of an angle are then errors of a speed;
                0: not at all
-    states     names of the states, by which a stretch says what is known of its start
-    counts     per trace (n,) whether a sample is fitted to; the others are known to the filter. None: all are
+    states     names of the states, for the known start states of a stretch
+    counts     per trace (n,) whether a sample is fitted; the filter knows the others too. None: all are fitted
     """
 
     build: Callable[[np.ndarray, Trace, bool, float | None], Plant]
@@ -93,27 +93,28 @@ class Problem:
         return len(self.names) + len(self.traces) * len(self.free_start) - known
 
     def known(self, i: int) -> list[int]:
-        """Index of the start states of a stretch that are no unknowns: they stay where they are."""
+        """Index of the start states of a stretch that are known and not estimated."""
         stated = {j for j, name in enumerate(self.states) if name in self.traces[i].start}
         return sorted(stated.union(self.anchored if i == 0 else ()))
 
     def plants(self, values: np.ndarray, gradient: bool) -> list[Plant]:
         """A plant per trace; traces with one step share theirs, and one record where records differ."""
         keys = [(t.step, t.record if self.by_record else 0) for t in self.traces]
-        some = dict(zip(keys, self.traces, strict=True))
-        mark, name = (values.tobytes(), self.memory, self.step, tuple(some)), "full" if gradient else "plain"
-        build, known, made = getattr(_last, name, (None, None, {}))
+        trace_by_key = dict(zip(keys, self.traces, strict=True))
+        mark, name = ((values.tobytes(), self.memory, self.step, tuple(trace_by_key)),
+                      "full" if gradient else "plain")
+        build, known, made = getattr(_plants_by_thread, name, (None, None, {}))
         if build is not self.build or known != mark:
             made = {key: self.build(values, t, gradient, self.memory and self.memory ** self.steps(t))
-                    for key, t in some.items()}
-            setattr(_last, name, (self.build, mark, made))
+                    for key, t in trace_by_key.items()}
+            setattr(_plants_by_thread, name, (self.build, mark, made))
         return [made[key] for key in keys]
 
     def steps(self, trace: Trace) -> float:
-        """The sampling interval of a trace, over that which the memory is of."""
+        """The sampling interval of a trace, over that of the memory."""
         return trace.step / self.step if self.step else 1.0
 
-    def normal(self, point: Point, gains: Sequence[Gains] | None = None) -> Normal:
+    def normal(self, point: Point, gains: Sequence[ObserverGains] | None = None) -> Normal:
         """Normal equations at a point."""
         k, own_columns = len(self.names), None
         shared, slope, cost = np.zeros((k, k)), np.zeros(k), 0.0
@@ -126,8 +127,8 @@ class Problem:
                 g = plant.normal_equations(t, point.starts[i], gains[i] if gains else None, 1.0 / self.scale)
             own_columns = plant.system.nq + self.free_start
             if known := self.known(i):
-                stays = plant.system.nq + np.array(known)
-                g[stays], g[:, stays] = 0.0, 0.0
+                known_columns = plant.system.nq + np.array(known)
+                g[known_columns], g[:, known_columns] = 0.0, 0.0
             shared += g[:k, :k]
             slope += g[:k, -1]
             cost += g[-1, -1]
@@ -143,11 +144,11 @@ class Problem:
         both = (known[self.lag:] & known[:len(known) - self.lag])[..., None]
         return ((rows[self.lag:] - rows[:len(rows) - self.lag]) * both).reshape(-1, rows.shape[2])
 
-    def cost(self, point: Point, gains: Sequence[Gains] | None = None) -> float:
+    def cost(self, point: Point, gains: Sequence[ObserverGains] | None = None) -> float:
         """Sum of squared weighted residuals at a point; infinite if the model diverges."""
         return float(self.costs(point, gains).sum())
 
-    def costs(self, point: Point, gains: Sequence[Gains] | None = None) -> np.ndarray:
+    def costs(self, point: Point, gains: Sequence[ObserverGains] | None = None) -> np.ndarray:
         """(traces,) the share of each in the cost."""
         found = np.empty(len(self.traces))
         for i, (t, plant) in enumerate(zip(self.traces, self.plants(point.values, False), strict=True)):

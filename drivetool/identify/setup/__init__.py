@@ -1,6 +1,6 @@
 """From recordings, a drive and the user's options to a problem with a first guess.
 
-Experiments come in. Roles, start states, torque constants, the task and what came of it go out.
+Experiments come in. Roles, start states, torque constants, the task and its outcome go out.
 """
 
 import lazy_loader

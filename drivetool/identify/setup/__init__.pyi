@@ -3,32 +3,32 @@ from .options import Options as Options
 from .rates import at_rates as at_rates, rates_left_out as rates_left_out
 from .sampled_response import HeldResponse as HeldResponse
 from .setup import (
-    EVERY as EVERY,
+    UNNAMED_RECORDINGS as UNNAMED_RECORDINGS,
     Roles as Roles,
+    after_transient as after_transient,
     both_outputs as both_outputs,
     first_point as first_point,
     first_states as first_states,
-    led_in as led_in,
     measured_states as measured_states,
     problem_of as problem_of,
-    replaced as replaced,
     reverses as reverses,
     roles_of as roles_of,
     sensor_stds as sensor_stds,
     sensors_of as sensors_of,
     traces_of as traces_of,
     white_std as white_std,
-    with_known as with_known,
+    with_known_states as with_known_states,
+    with_trial_values as with_trial_values,
 )
 from .start import (
     REST as REST,
-    Start as Start,
-    checked_state as checked_state,
-    contradicted_start as contradicted_start,
+    KnownStart as KnownStart,
+    check_state as check_state,
+    contradicted_start_findings as contradicted_start_findings,
     known_states as known_states,
 )
 from .supply import (
-    SUPPLY as SUPPLY,
+    SUPPLY_ROLES as SUPPLY_ROLES,
     as_stator_voltages as as_stator_voltages,
     fed_by_voltages as fed_by_voltages,
     supply_of as supply_of,
@@ -36,8 +36,8 @@ from .supply import (
 from .task import Outcome as Outcome, Task as Task, has_gap as has_gap
 from .torque_constant import (
     as_torques as as_torques,
-    check_scale as check_scale,
-    electric as electric,
-    for_models as for_models,
-    only_in_greybox as only_in_greybox,
+    as_torques_for_models as as_torques_for_models,
+    check_torque_scale as check_torque_scale,
+    electric_inputs as electric_inputs,
+    refuse_free_torque_constants as refuse_free_torque_constants,
 )

@@ -1,4 +1,4 @@
-"""What a user may ask of an estimator."""
+"""Options of the estimators."""
 
 from __future__ import annotations
 
@@ -6,11 +6,12 @@ from dataclasses import dataclass, field
 from typing import Literal
 
 from drivetool.identify.estimate import Covariance
-from drivetool.identify.setup.start import Start
+from drivetool.identify.setup.start import KnownStart
 
 Criterion = Literal["auto", "innovations", "simulation", "frequency", "inverse"]
 Method = Literal["speeds", "acceleration", "coast-down"]
 Weighting = Literal["variance", "coherence"]
+OF_ONE_STEP = {"of_one_step": True}  # of a field: result files list it only where it differs from its default
 
 
 @dataclass(frozen=True)
@@ -19,7 +20,7 @@ class Options:
 
     hold       parameter names that keep their value
     free       parameter names that are fitted although they would be held
-    criterion  greybox and backlash: auto chooses among explanations of the record; innovations, simulation,
+    criterion  greybox and backlash: auto chooses among candidate fits of the record; innovations, simulation,
                frequency and inverse are one each
     starts     starting points tried when the problem may have several optima; None: the
                estimator decides
@@ -36,9 +37,9 @@ class Options:
                coast-down, from running down without torque. flux_decay: time after switching off that a coast-down
                leaves out [s]. stages: of a coast-down, windows (high, low) of the speed [motion unit/s] that are
                fitted one after the other
-    start      greybox and backlash: what is known of the state in which every recording begins
-    known      covariance of the values that the parameter files bring, so that the interval of
-               what is fitted includes the uncertainty of what is held
+    start      greybox and backlash: known states in which every recording begins
+    known      covariance of the values in the parameter files, so that the intervals of fitted
+               parameters include the uncertainty of held ones
     """
 
     hold: tuple[str, ...] = ()
@@ -47,13 +48,13 @@ class Options:
     starts: int | None = None
     segment: float | None = None
     seed: int = 1
-    structure: str | None = None
-    order: int | None = None
-    noise_order: int | None = None
-    weighting: Weighting = "variance"
-    band: tuple[float, float] | None = None
-    method: Method = "speeds"
-    flux_decay: float | None = None
-    stages: tuple[tuple[float, float], ...] = ()
-    start: Start = field(default_factory=Start)
+    structure: str | None = field(default=None, metadata=OF_ONE_STEP)
+    order: int | None = field(default=None, metadata=OF_ONE_STEP)
+    noise_order: int | None = field(default=None, metadata=OF_ONE_STEP)
+    weighting: Weighting = field(default="variance", metadata=OF_ONE_STEP)
+    band: tuple[float, float] | None = field(default=None, metadata=OF_ONE_STEP)
+    method: Method = field(default="speeds", metadata=OF_ONE_STEP)
+    flux_decay: float | None = field(default=None, metadata=OF_ONE_STEP)
+    stages: tuple[tuple[float, float], ...] = field(default=(), metadata=OF_ONE_STEP)
+    start: KnownStart = field(default_factory=KnownStart)
     known: Covariance | None = None

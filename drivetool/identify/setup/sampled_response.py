@@ -1,7 +1,7 @@
 """Frequency response of a drive whose torque is held over each sample, with exact gradients.
 
-What a sampled record shows is this response, not that of the continuous drive: at a tenth of the sampling
-rate holding alone turns the phase by 18 degrees.
+A sampled record has this response, not that of the continuous drive: at a tenth of the sampling rate
+the hold alone delays the phase by 18 degrees.
 """
 
 from __future__ import annotations
@@ -12,8 +12,8 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.linalg import expm, expm_frechet
 
-from drivetool.drive import Assembly, Drive, Layout, closed
-from drivetool.identify.setup.setup import replaced
+from drivetool.drive import Assembly, Drive, Layout, linear_drive
+from drivetool.identify.setup.setup import with_trial_values
 
 
 @dataclass(frozen=True)
@@ -36,10 +36,10 @@ class HeldResponse:
         The dead time turns the phase exactly; that the steps of a held torque then fall between the
         samples is left out, which matters only near the Nyquist frequency.
         """
-        drive = replaced(self.drive, self.names, np.asarray(values, float))
-        late = drive.value("converter.dead_time") or 0.0
+        drive = with_trial_values(self.drive, self.names, np.asarray(values, float))
+        dead_time = drive.value("converter.dead_time") or 0.0
         layout = Layout(self.names, ("motor_torque",), (self.output,), self.step, gradient=gradient)
-        s = Assembly(closed(drive), layout).system()
+        s = Assembly(linear_drive(drive), layout).system()
         nx, k = s.nx, len(self.names) if gradient else 0
         flow = s.rows[:, : nx + 1, 0] / s.mass[:, :1]
         block = np.zeros((nx + 1, nx + 1))
@@ -50,8 +50,8 @@ class HeldResponse:
         z = np.exp(1j * w * self.step)
         inverse = np.linalg.inv(z[:, None, None] * np.eye(nx) - a)
         right, left = inverse @ b, np.einsum("i,nij->nj", c, inverse)
-        turn = np.exp(-1j * w * late)
-        g = right @ c * turn
+        delay = np.exp(-1j * w * dead_time)
+        g = right @ c * delay
         slopes = np.zeros((len(w), k), complex)
         for j in range(k):
             slope = np.zeros_like(block)
@@ -60,7 +60,7 @@ class HeldResponse:
                 change = expm_frechet(block, slope, compute_expm=False)
                 slopes[:, j] = np.einsum("nj,nj->n", left, right @ change[:nx, :nx].T + change[:nx, nx])
             slopes[:, j] += right @ s.outputs[0, :, 1 + j]
-            slopes[:, j] *= turn
+            slopes[:, j] *= delay
             if self.names[j] == "converter.dead_time":
                 slopes[:, j] += -1j * w * g
         return g, slopes

@@ -14,21 +14,24 @@ from drivetool.drive.effects import induction, load_step
 from drivetool.drive.simulation import Plant, Trace, plant_of
 from drivetool.errors import BadOption, BadRecording, NotEnoughData
 from drivetool.identify.problem import Point, Problem
-from drivetool.identify.setup.by_record import as_recorded, differs
+from drivetool.identify.setup.by_record import as_recorded, has_values_by_record
 from drivetool.identify.setup.supply import fed_by_voltages
 from drivetool.logs import INPUTS, Experiment, quantity
 
-EVERY = -1  # in the place of a recording's number: those that are not named
-ROOM = 1.5  # times its dead time, in which a drive may not be judged by what was commanded
-DENSE = 0.5  # share of the third differences that must be there to be enough
-WAY = 0.02  # of the fastest motion, and share of the record, from which a motor turns both ways
-APART = 8  # samples between readings of an angle for a speed: one sample apart an encoder's steps exceed it
-SWITCHING = (".half_gap", ".coulomb")  # what makes contacts and sticking
+UNNAMED_RECORDINGS = -1  # instead of a recording's number: those that are not named
+# Times its dead time, left out at the start of a stretch; a choice, since a fit may enlarge the dead time.
+DEAD_TIME_MARGIN = 1.5
+MIN_FINITE_SHARE = 0.5  # share of the third differences that must be finite; a choice: with fewer, gaps are skipped
+# Of the fastest motion, and share of the record, from which a motor turns both ways; a choice.
+MIN_REVERSAL_SHARE = 0.02
+# Samples between two angles for a speed, a choice: over one sample an encoder's quantisation exceeds it.
+ANGLE_DIFFERENCE_SAMPLES = 8
+SWITCHING_SUFFIXES = (".half_gap", ".coulomb")  # parameters of contacts and sticking
 
 
 @dataclass(frozen=True)
 class Roles:
-    """Which roles drive the model and which it is compared with."""
+    """Input roles of the model, and output roles that it is compared with."""
 
     inputs: tuple[str, ...]
     outputs: tuple[str, ...]
@@ -96,12 +99,12 @@ def traces_of(experiments: Sequence[Experiment], roles: Roles, segment: float = 
               starts: Mapping[int, Mapping[str, float]] = MappingProxyType({})) -> tuple[Trace, ...]:
     """One trace per uninterrupted stretch, cut into pieces of `segment` seconds if above zero.
 
-    starts  what is known of the state in which an experiment of that number begins, EVERY for those that are not
-            named; nothing of what comes after a gap, a cut or another rate
+    starts  known state in which an experiment of that number begins, UNNAMED_RECORDINGS for the others; after a
+            gap, a cut or another rate no state is known
     """
     found = []
     for e in experiments:
-        known = starts.get(e.number, starts.get(EVERY, {}))
+        known = starts.get(e.number, starts.get(UNNAMED_RECORDINGS, {}))
         u = np.column_stack([e.signals[r] for r in roles.inputs])
         y = np.column_stack([e.signals[r] for r in roles.outputs])
         for first, last in e.segments:
@@ -116,10 +119,10 @@ def traces_of(experiments: Sequence[Experiment], roles: Roles, segment: float = 
     return tuple(found)
 
 
-def led_in(experiment: Experiment, drive: Drive, free: Sequence[str] = ()) -> Experiment:
-    """The experiment without the values of its sensors where a stretch begins, if the drive has a dead time.
+def after_transient(experiment: Experiment, drive: Drive, free: Sequence[str] = ()) -> Experiment:
+    """The experiment without the sensor values at the start of each stretch, if the drive has a dead time.
 
-    There it moves by torques from before the record, which nobody knows. At most a hundredth of a stretch goes.
+    There it moves by unknown torques from before the record. At most a hundredth of a stretch is left out.
     """
     delay = drive.value("converter.dead_time") or 0.0
     if delay == 0.0 and "converter.dead_time" not in free:
@@ -127,7 +130,7 @@ def led_in(experiment: Experiment, drive: Drive, free: Sequence[str] = ()) -> Ex
     sensors = {r for r in experiment.signals if r not in INPUTS and not r.startswith("reference")}
     signals = {r: values.copy() if r in sensors else values for r, values in experiment.signals.items()}
     for first, last in experiment.segments:
-        count = min(int(np.ceil(ROOM * delay / experiment.step)) + 2, (last - first) // 100)
+        count = min(int(np.ceil(DEAD_TIME_MARGIN * delay / experiment.step)) + 2, (last - first) // 100)
         for role in sensors:
             signals[role][first:first + count] = np.nan
     return replace(experiment, signals=signals)
@@ -135,17 +138,17 @@ def led_in(experiment: Experiment, drive: Drive, free: Sequence[str] = ()) -> Ex
 
 def reverses(experiments: Sequence[Experiment]) -> bool:
     """Whether the motor turns both ways for at least 2 % of a record each, or of all records together."""
-    speeds = [speed for e in experiments if (speed := _way(e)) is not None]
+    speeds = [speed for e in experiments if (speed := _motor_speed_in(e)) is not None]
     together = [np.concatenate(speeds)] if len(speeds) > 1 else []
     for speed in (*speeds, *together):
-        size = WAY * np.nanmax(np.abs(speed))
-        if np.nanmean(speed > size) > WAY and np.nanmean(speed < -size) > WAY:
+        size = MIN_REVERSAL_SHARE * np.nanmax(np.abs(speed))
+        if np.nanmean(speed > size) > MIN_REVERSAL_SHARE and np.nanmean(speed < -size) > MIN_REVERSAL_SHARE:
             return True
     return False
 
 
-def _way(experiment: Experiment) -> np.ndarray | None:
-    """The speed of the motor, or what its angle changes over a while; None: neither is there."""
+def _motor_speed_in(experiment: Experiment) -> np.ndarray | None:
+    """The speed of the motor, or the difference of its angle over 20 ms; None: neither was logged."""
     if "motor_speed" in experiment.signals:
         return experiment.signals["motor_speed"]
     if "motor_angle" not in experiment.signals:
@@ -154,7 +157,7 @@ def _way(experiment: Experiment) -> np.ndarray | None:
     return (angle[smooth:] - angle[:-smooth]) / (smooth * experiment.step)
 
 
-def replaced(drive: Drive, names: Sequence[str], values: np.ndarray) -> Drive:
+def with_trial_values(drive: Drive, names: Sequence[str], values: np.ndarray) -> Drive:
     """The drive with some values replaced, bounds unchecked: for trial points."""
     return replace(drive, values={**drive.values, **dict(zip(names, map(float, values), strict=True))})
 
@@ -163,22 +166,22 @@ def problem_of(drive: Drive, free: Sequence[str], roles: Roles, traces: Sequence
     """The problem of fitting some parameters of a drive to traces.
 
     free     parameter names; the others keep their value
-    returns  Problem whose start states are free but for those that a trace knows: what the torque was before the
-             record nobody knows. Where no angle is measured it counts from the first sample: a torque that repeats
-             with it would turn with any other zero
+    returns  Problem whose start states are free but for those that a trace knows: the torque before the record is
+             unknown. Where no angle is measured it counts from the first sample: with another zero, a torque that
+             repeats with it has another phase
 
     Shaft damping moves later than the rest: at a start where the resonance lies a little off, the
-    quickest way down is to damp it away, and from there no way leads back.
+    steepest descent damps it away, and the fit stays in that local optimum.
     """
     free = tuple(free)
 
     def build(values: np.ndarray, trace: Trace, gradient: bool, memory: float | None) -> Plant:
-        trial, names = _felt_in(replaced(drive, free, values), free, trace)
+        trial, names = _as_recorded_in(with_trial_values(drive, free, values), free, trace)
         return plant_of(trial, Layout(names, roles.inputs, roles.outputs, trace.step, memory, gradient))
 
-    traces = [_clamped(drive, trace) for trace in traces]
+    traces = [_with_clamped_speeds(drive, trace) for trace in traces]
     quantities = [drive.quantity(n) for n in free]
-    seen, sizes = any(role.endswith("angle") for role in roles.outputs), _sizes(roles, traces)
+    seen, sizes = any(role.endswith("angle") for role in roles.outputs), _rms_torque_and_speed(roles, traces)
     plain = Assembly(drive, Layout(free, roles.inputs, roles.outputs, traces[0].step, gradient=False))
     stds = sensor_stds(traces)
     return Problem(
@@ -186,26 +189,27 @@ def problem_of(drive: Drive, free: Sequence[str], roles: Roles, traces: Sequence
         np.array([q.size(*sizes) for q in quantities]), tuple(traces), np.arange(plain.nx), stds / stds[0],
         later=np.array([n.partition(".")[0] in drive.shafts and shared(n).endswith("damping") for n in free], bool),
         bodies=len(drive.bodies),
-        by_record=load_step.only_in(drive.values) or differs(drive),
+        by_record=load_step.has_record_steps(drive.values) or has_values_by_record(drive),
         anchored=() if seen else tuple(i for i, name in enumerate(plain.states) if name == "angle"),
         states=tuple(plain.states), sensor_std=float(stds[0]), step=min(t.step for t in traces))
 
 
-def _clamped(drive: Drive, trace: Trace) -> Trace:
-    """The trace that knows the speed of what was clamped while it was recorded; else free, it would turn on."""
+def _with_clamped_speeds(drive: Drive, trace: Trace) -> Trace:
+    """The trace with known zero speeds of clamped bodies; an estimated start speed would stay constant."""
     drive = as_recorded(drive, (), trace.record)[0]
     still = {f"{b}.speed": 0.0 for b in drive.bodies if drive.value(f"{b}.clamped")}
     return replace(trace, start={**trace.start, **still}) if still else trace
 
 
-def _sizes(roles: Roles, traces: Sequence[Trace]) -> tuple[float, float]:
+def _rms_torque_and_speed(roles: Roles, traces: Sequence[Trace]) -> tuple[float, float]:
     """Root mean square torque and speed of the traces; one where that is zero, or was not measured."""
     torques = [i for i, role in enumerate(roles.inputs) if role in INPUTS]
     motion, y = [], [t.outputs[:, 0] for t in traces]
     if roles.outputs[0].endswith("speed"):
         motion = y
     elif roles.outputs[0].endswith("angle"):
-        motion = [(each[APART:] - each[:-APART]) / (APART * t.step) for each, t in zip(y, traces, strict=True)]
+        motion = [(each[ANGLE_DIFFERENCE_SAMPLES:] - each[:-ANGLE_DIFFERENCE_SAMPLES])
+                  / (ANGLE_DIFFERENCE_SAMPLES * t.step) for each, t in zip(y, traces, strict=True)]
     return _rms([t.inputs[:, torques].ravel() for t in traces]), _rms(motion)
 
 
@@ -214,21 +218,21 @@ def _rms(parts: Sequence[np.ndarray]) -> float:
     return float(np.sqrt(np.nanmean(values**2))) or 1.0
 
 
-def _felt_in(drive: Drive, free: Sequence[str], trace: Trace) -> tuple[Drive, tuple[str, ...]]:
-    """The drive as it was while that stretch was recorded, and what its free parameters are called there."""
-    if load_step.only_in(drive.values):
-        drive = replace(drive, values=load_step.felt_in(drive.values, trace.record))
+def _as_recorded_in(drive: Drive, free: Sequence[str], trace: Trace) -> tuple[Drive, tuple[str, ...]]:
+    """The drive as it was while that stretch was recorded, and the names of its free parameters there."""
+    if load_step.has_record_steps(drive.values):
+        drive = replace(drive, values=load_step.values_in_record(drive.values, trace.record))
     return as_recorded(drive, free, trace.record)
 
 
 def linear_problem_of(drive: Drive, free: Sequence[str], roles: Roles, traces: Sequence[Trace]) -> Problem:
-    """The same problem without gaps and Coulomb friction, which takes the same points."""
+    """The same problem without gaps and Coulomb friction, for the same points."""
     free = tuple(free)
-    flat = {n: 0.0 for n in drive.quantities if shared(n).endswith(SWITCHING)}
+    flat = {n: 0.0 for n in drive.quantities if shared(n).endswith(SWITCHING_SUFFIXES)}
     smooth = tuple(n for n in free if n not in flat)
 
     def build(values: np.ndarray, trace: Trace, gradient: bool, memory: float | None) -> Plant:
-        trial, names = _felt_in(replaced(drive, free, values), smooth, trace)
+        trial, names = _as_recorded_in(with_trial_values(drive, free, values), smooth, trace)
         layout = Layout(names, roles.inputs, roles.outputs, trace.step, memory, gradient)
         return plant_of(replace(trial, values={**trial.values, **flat}), layout)
 
@@ -238,21 +242,21 @@ def linear_problem_of(drive: Drive, free: Sequence[str], roles: Roles, traces: S
 def sensor_stds(traces: Sequence[Trace]) -> np.ndarray:
     """(ny,) first guess of the sensors' std; of one that shows no noise, the largest of the others."""
     ny = traces[0].outputs.shape[1]
-    spread = np.zeros(ny)
+    stds = np.zeros(ny)
     for m in range(ny):
-        spread[m] = white_std([t.outputs[:, m] for t in traces])
-    spread[spread <= 0.0] = max(spread.max(), 1e-12)
-    return spread
+        stds[m] = white_std([t.outputs[:, m] for t in traces])
+    stds[stds <= 0.0] = max(stds.max(), 1e-12)
+    return stds
 
 
 def white_std(series: Sequence[np.ndarray]) -> float:
-    """Standard deviation of what is white in a signal, by stretches (n,) each; 0 where it is too short to tell.
+    """Standard deviation of the white noise in a signal, by stretches (n,) each; 0 where it is too short.
 
-    Third differences remove what a drive does smoothly between samples. Of a sensor that has a value at every
-    fourth sample, say, they are taken over the values that there are.
+    Third differences remove smooth motion between samples. Where a sensor has a value at every fourth sample, for
+    example, they are taken over the values that there are.
     """
     d = np.concatenate([np.diff(y, 3) for y in series])
-    if len(d) and np.isfinite(d).mean() < DENSE:
+    if len(d) and np.isfinite(d).mean() < MIN_FINITE_SHARE:
         d = np.concatenate([np.diff(y[np.isfinite(y)], 3) for y in series])
     d = d[np.isfinite(d)]
     return float(np.sqrt(np.mean(d**2) / 20.0)) if len(d) else 0.0
@@ -260,23 +264,24 @@ def white_std(series: Sequence[np.ndarray]) -> float:
 
 def first_states(drive: Drive, roles: Roles, traces: Sequence[Trace],
                  free: Sequence[str] = ()) -> tuple[np.ndarray, ...]:
-    """Start states as if every trace began in steady motion; what a trace knows of its own is as it says.
+    """Start states as if every trace began in steady motion; known states of a trace have their values.
 
-    free  names of parameters that are fitted: an effect may need a state although it starts from nothing
+    free  names of parameters that are fitted: an effect may need a state although its start value is zero
     """
-    return tuple(_steady_state(drive, roles, t, free) for t in traces)
+    return tuple(_steady_start_state(drive, roles, t, free) for t in traces)
 
 
 def measured_states(drive: Drive, roles: Roles, traces: Sequence[Trace]) -> tuple[np.ndarray, ...]:
-    """Start states as the first samples show them: the same, with the speed of the first sample itself.
+    """Start states from the first samples: the same, with the speed of the first sample itself.
 
     Where a trace begins in an acceleration the mean speed of its first samples comes too late.
     """
-    return tuple(_steady_state(drive, roles, t, (), 1) for t in traces)
+    return tuple(_steady_start_state(drive, roles, t, (), 1) for t in traces)
 
 
-def _steady_state(drive: Drive, roles: Roles, trace: Trace, free: Sequence[str], order: int = 0) -> np.ndarray:
-    drive, names = _felt_in(drive, free, trace)
+def _steady_start_state(drive: Drive, roles: Roles, trace: Trace, free: Sequence[str],
+                        order: int = 0) -> np.ndarray:
+    drive, names = _as_recorded_in(drive, free, trace)
     plain = Assembly(drive, Layout(names, roles.inputs, roles.outputs, trace.step, gradient=False))
     x = np.zeros(plain.nx)
     n, known = len(drive.bodies), trace.start
@@ -284,16 +289,16 @@ def _steady_state(drive: Drive, roles: Roles, trace: Trace, free: Sequence[str],
     for name, (_, _, ratio) in zip(plain.states[1:n], plain.shafts, strict=True):
         speeds.append(known.get(name, speeds[-1] / ratio.v))
     x[:n] = speeds
-    below = 0.0  # torque that everything beyond a shaft asks of it
+    shaft_torque = 0.0  # torque that all bodies beyond a shaft require
     for k in range(n - 2, -1, -1):
         body = k + 1
-        below += plain.of_body(body, "viscous").v * speeds[body] + plain.of_body(body, "idle_torque").v
-        below += plain.of_body(body, "coulomb").v * np.sign(speeds[body])
+        shaft_torque += plain.of_body(body, "viscous").v * speeds[body] + plain.of_body(body, "idle_torque").v
+        shaft_torque += plain.of_body(body, "coulomb").v * np.sign(speeds[body])
         stiffness, _, ratio = plain.shafts[k]
         gap = plain.gaps[k].v if k in plain.gaps else 0.0
-        x[n + k] = below / stiffness.v + gap * np.sign(below)
-        below /= ratio.v
-    with_known(plain.states, trace, x)
+        x[n + k] = shaft_torque / stiffness.v + gap * np.sign(shaft_torque)
+        shaft_torque /= ratio.v
+    with_known_states(plain.states, trace, x)
     _set_angles(plain, roles, trace, x)
     if plain.fed_by_voltages():
         _set_fluxes(plain, roles, trace, x)
@@ -303,15 +308,15 @@ def _steady_state(drive: Drive, roles: Roles, trace: Trace, free: Sequence[str],
 
 
 def _set_fluxes(plain: Assembly, roles: Roles, trace: Trace, x: np.ndarray) -> None:
-    """Set the fluxes to those that the first voltage would keep at that speed, unless they are known."""
+    """Set the fluxes to the steady ones of the first voltage at that speed, unless they are known."""
     voltage = [trace.inputs[0, roles.inputs.index(r)] if r in roles.inputs else 0.0 for r in induction.VOLTAGES]
-    steady = np.linalg.solve(induction.flux_flow(plain.drive, x[0]), [-complex(*voltage), 0.0])
+    steady = np.linalg.solve(induction.flux_dynamics(plain.drive, x[0]), [-complex(*voltage), 0.0])
     for name, value in zip(induction.FLUXES, (p for flux in steady for p in (flux.real, flux.imag)), strict=True):
         x[plain.states.index(name)] = trace.start.get(name, value)
 
 
-def with_known(states: Sequence[str], trace: Trace, x: np.ndarray) -> np.ndarray:
-    """The start state (nx,) of a trace, in place, with what is known of it."""
+def with_known_states(states: Sequence[str], trace: Trace, x: np.ndarray) -> np.ndarray:
+    """The start state (nx,) of a trace, in place, with its known states."""
     for i, name in enumerate(states):
         x[i] = trace.start.get(name, x[i])
     return x
@@ -335,7 +340,7 @@ def _set_angles(plain: Assembly, roles: Roles, trace: Trace, x: np.ndarray) -> N
 def _motor_speed(roles: Roles, trace: Trace, order: int) -> float:
     """Speed of the first samples that were measured, from a speed or the slope of an angle.
 
-    order  of the polynomial that the speed is taken for: 0 its mean; 1 a straight line, at the first sample
+    order  of the polynomial fitted to the speed: 0 its mean; 1 a straight line, at the first sample
     """
     first = int(np.argmax(np.isfinite(trace.outputs[:, 0])))
     head = trace.outputs[first:first + max(5, min(20, trace.size // 10)), 0]

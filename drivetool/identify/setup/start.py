@@ -1,6 +1,6 @@
-"""Start states that are known: of a drive that stood still, or was set to a state, before it was recorded.
+"""Known start states: of a drive that stood still, or was set to a state, before it was recorded.
 
-What is known is no unknown of a fit. It holds where a recording begins; after a gap in time all is free again.
+A known state is not estimated. It holds where a recording begins; after a gap in time all states are free again.
 """
 
 from __future__ import annotations
@@ -17,28 +17,31 @@ from drivetool.identify.estimate import inverted
 from drivetool.identify.noise import Noise, normal_under
 from drivetool.identify.problem import Point, Problem
 from drivetool.identify.setup.by_record import as_recorded
-from drivetool.identify.setup.setup import EVERY, Roles, measured_states
+from drivetool.identify.setup.setup import UNNAMED_RECORDINGS, Roles, measured_states
 
 REST = "rest"
-HEAD = 20  # measured values that show a start state: as many as the guess of the start speed takes
-CONTRADICTED = 8.0  # standard deviations, as between two steps of the chain; noise alone exceeds them once in 1e15
-LEAST = 0.01  # of the motion, by which a free run must change: less is worth no word
+# Measured values that identify a start state: as many as the guess of the start speed takes.
+START_STATE_SAMPLES = 20
+# Standard deviations, as between two steps of the chain; noise alone exceeds them once in 1e15.
+MIN_START_CONTRADICTION = 8.0
+# Of the motion, by which a free run must change, a choice: less does not matter to a fit.
+MIN_FREE_RUN_CHANGE = 0.01
 # Parameters of a body that give no torque while it stands still.
-STILL = ("inertia", "carried_mass", "radius", "viscous", "viscous_asymmetry", "drag", "drift_viscous")
+ZERO_TORQUE_AT_REST = ("inertia", "carried_mass", "radius", "viscous", "viscous_asymmetry", "drag", "drift_viscous")
 
 
 @dataclass(frozen=True)
-class Start:
-    """What is known of the state in which every recording begins.
+class KnownStart:
+    """Known state in which every recording begins.
 
     rest     whether the drive stands still, and has stood still until then
-    states   state -> value in SI, by the names of `state_names`; they go before what rest says
+    states   state -> value in SI, by the names of `state_names`; they take precedence over rest
     records  number of a recording -> what is known of it alone, in the place of that
     """
 
     rest: bool = False
     states: Mapping[str, float] = field(default_factory=dict)
-    records: Mapping[int, Start] = field(default_factory=dict)
+    records: Mapping[int, KnownStart] = field(default_factory=dict)
 
 
 def state_names(drive: Drive) -> tuple[str, ...]:
@@ -47,7 +50,7 @@ def state_names(drive: Drive) -> tuple[str, ...]:
     return (*speeds, *twists, f"{drive.bodies[0]}.angle")
 
 
-def checked_state(name: str, value: float, drive: Drive) -> None:
+def check_state(name: str, value: float, drive: Drive) -> None:
     """Raise BadOption unless the drive has this state and the value is finite."""
     names = state_names(drive)
     if name not in names:
@@ -57,34 +60,35 @@ def checked_state(name: str, value: float, drive: Drive) -> None:
         raise BadOption(f"a finite start value of {name}", f"{value:g}", "Correct it.")
 
 
-def known_states(start: Start, drive: Drive, free: Sequence[str], roles: Roles) -> dict[int, dict[str, float]]:
-    """What is no unknown: number of a recording, or EVERY -> state by the names of `Assembly` -> value.
+def known_states(start: KnownStart, drive: Drive, free: Sequence[str], roles: Roles) -> dict[int, dict[str, float]]:
+    """Known states: number of a recording, or EVERY -> state by the names of `Assembly` -> value.
 
     free     names of the fitted parameters
-    returns  empty where nothing is known at all
+    returns  empty where nothing is known
     raises   BadOption: an unknown state, a value that is not finite, an angle on which nothing depends
     """
-    found = {EVERY: _known(start, drive, free, roles)}
+    found = {UNNAMED_RECORDINGS: _known_in_recording(start, drive, free, roles)}
     for number, own in start.records.items():
-        found[number] = _known(own, *as_recorded(drive, free, number), roles)
+        found[number] = _known_in_recording(own, *as_recorded(drive, free, number), roles)
     return found if any(found.values()) else {}
 
 
-def _known(start: Start, drive: Drive, free: Sequence[str], roles: Roles) -> dict[str, float]:
-    """What is known of one recording.
+def _known_in_recording(start: KnownStart, drive: Drive, free: Sequence[str], roles: Roles) -> dict[str, float]:
+    """Known states of one recording.
 
-    returns  of a drive at rest every speed, and the twist of each shaft beyond which nothing can hold or pull at
-             standstill: Coulomb friction, an idle torque and a gap leave a twist open, or make it depend on what is
-             fitted. The angle is measured, with noise, and stays an unknown
+    returns  of a drive at rest every speed, and the twist of each shaft beyond which no torque can act at
+             standstill. Coulomb friction, an idle torque and a gap leave a twist unknown, or make it depend on
+             fitted values. The angle is measured, with noise, and is estimated
     """
     for name, value in start.states.items():
-        checked_state(name, value, drive)
+        check_state(name, value, drive)
     layout = Layout(tuple(free), roles.inputs, roles.outputs, 1.0, gradient=False)
     states = Assembly(drive, layout).states
     found = {}
     if start.rest:
         found = {name: 0.0 for name in states if name.endswith((".speed", ".filtered", ".filtered.rate"))}
-        found |= {f"{shaft}.twist": 0.0 for k, shaft in enumerate(drive.shafts) if _slack(k, drive, free, roles)}
+        found |= {f"{shaft}.twist": 0.0 for k, shaft in enumerate(drive.shafts)
+                  if _unloaded_at_rest(k, drive, free, roles)}
     angle = f"{drive.bodies[0]}.angle"
     found |= {"angle" if name == angle else name: float(value) for name, value in start.states.items()}
     if angle in start.states and "angle" not in states:
@@ -93,77 +97,82 @@ def _known(start: Start, drive: Drive, free: Sequence[str], roles: Roles) -> dic
     return found
 
 
-def _slack(shaft: int, drive: Drive, free: Sequence[str], roles: Roles) -> bool:
+def _unloaded_at_rest(shaft: int, drive: Drive, free: Sequence[str], roles: Roles) -> bool:
     """Whether a shaft carries no torque at standstill, whatever is fitted."""
     beyond = drive.bodies[shaft + 1:]
     pulls = [n for n in drive.quantities if (owner := n.rpartition(".")[0]) in beyond
-             and n.removeprefix(f"{owner}.") not in STILL]
-    pulls += [total for total, suffix in TOTALS.items() if suffix not in STILL]
+             and n.removeprefix(f"{owner}.") not in ZERO_TORQUE_AT_REST]
+    pulls += [total for total, suffix in TOTALS.items() if suffix not in ZERO_TORQUE_AT_REST]
     acting = [n for n in (*pulls, f"{drive.shafts[shaft]}.half_gap")
               if n in free or drive.value(n) != drive.quantity(n).neutral]
     return not acting and roles.inputs == ("motor_torque",)
 
 
-def contradicted_start(drive: Drive, roles: Roles, problem: Problem, point: Point, noise: Noise | None,
+def contradicted_start_findings(drive: Drive, roles: Roles, problem: Problem, point: Point, noise: Noise | None,
                        variance: float) -> list[Finding]:
     """Known start states that the first samples of a record contradict.
 
     drive     at the values of the point
-    noise     under which the one-step errors are judged; None: the errors of the simulation
-    variance  of the first sensor, with a noise; without one the errors of the fit hold what a wrong start does
-              to it, and those of the first samples count instead
-    returns   a warning per recording: with the start states free and the parameters as they are, the first samples
-              ask for other values, by many standard deviations and by what a free run shows
+    noise     under which the one-step errors are tested; None: the errors of the simulation
+    variance  of the first sensor, with a noise; without one the errors of the fit contain the effect of a wrong
+              start, and those of the first samples count instead
+    returns   a warning per recording whose first samples give other start states at the same parameters, by many
+              standard deviations and with a visible change of the free run
     """
     found = []
     for i, (trace, plant) in enumerate(zip(problem.traces, problem.plants(point.values, False), strict=True)):
         if not trace.start:
             continue
-        start, (asked, std) = point.starts[i], _asked_for(drive, roles, problem, i, point, noise, variance)
-        off = {name: j for j, name in enumerate(problem.states) if name in trace.start and np.isfinite(std[j])
-               and abs(asked[j] - start[j]) > CONTRADICTED * std[j]}
-        if off and _shows(plant, trace, start, asked, list(off.values())):
-            told = [f"{n} is {asked[j]:.3g} +- {std[j]:.1g} and not {start[j]:.3g}" for n, j in off.items()]
+        start, (estimated, std) = (point.starts[i],
+                                   _estimated_start(drive, roles, problem, i, point, noise, variance))
+        contradicted = {name: j for j, name in enumerate(problem.states) if name in trace.start
+                        and np.isfinite(std[j])
+                        and abs(estimated[j] - start[j]) > MIN_START_CONTRADICTION * std[j]}
+        if contradicted and _changes_free_run(plant, trace, start, estimated, list(contradicted.values())):
+            descriptions = [f"{n} is {estimated[j]:.3g} +- {std[j]:.1g} and not {start[j]:.3g}"
+                            for n, j in contradicted.items()]
             found.append(Finding(
-                "warning", "start-contradicted",
-                f"By its first samples {trace.name} does not begin in the stated state: {'; '.join(told)}. What is "
-                "fitted makes up for it and goes astray.",
-                {f"{n} over std": float((asked[j] - start[j]) / std[j]) for n, j in off.items()},
+                "warning", "held-value-rejected",
+                f"By its first samples {trace.name} does not begin in the stated state: {'; '.join(descriptions)}. "
+                "The fitted values compensate for it and are biased.",
+                {f"{n} over std": float((estimated[j] - start[j]) / std[j]) for n, j in contradicted.items()},
                 "Leave --start out, state the state in which the recording begins, or begin where the drive rests: "
                 "--condition 'keep from=SECONDS'."))
     return found
 
 
-def _shows(plant: Plant, trace: Trace, start: np.ndarray, asked: np.ndarray, which: list[int]) -> bool:
-    """Whether a free run from the start state that is asked for differs by more than 1 % of the motion."""
+def _changes_free_run(plant: Plant, trace: Trace, start: np.ndarray, estimated: np.ndarray,
+                      which: list[int]) -> bool:
+    """Whether a free run from the estimated start state differs by more than 1 % of the motion."""
     other = start.copy()
-    other[which] = asked[which]
+    other[which] = estimated[which]
     change = plant.outputs(trace, other)[:, 0] - plant.outputs(trace, start)[:, 0]
-    return bool(np.sqrt(np.mean(change**2)) > LEAST * np.nanstd(trace.outputs[:, 0]))
+    return bool(np.sqrt(np.mean(change**2)) > MIN_FREE_RUN_CHANGE * np.nanstd(trace.outputs[:, 0]))
 
 
-def _asked_for(drive: Drive, roles: Roles, problem: Problem, i: int, point: Point, noise: Noise | None,
-               variance: float) -> tuple[np.ndarray, np.ndarray]:
-    """((m,) start state for which the first samples of a trace ask, its std); NaN: they do not tell.
+def _estimated_start(drive: Drive, roles: Roles, problem: Problem, i: int, point: Point, noise: Noise | None,
+                     variance: float) -> tuple[np.ndarray, np.ndarray]:
+    """((m,) start state estimated from the first samples of a trace, its std); NaN: not identifiable.
 
-    One step from what they show: at a stated standstill a body sticks, and has no derivative over its speed.
+    One step from the measured state: at a stated standstill a body sticks, and has no derivative over its speed.
     """
     trace = problem.traces[i]
-    seen = np.flatnonzero(np.isfinite(trace.outputs[:, 0]))[:HEAD]
-    size = int(seen[-1]) + 1 if len(seen) else 1
+    measured = np.flatnonzero(np.isfinite(trace.outputs[:, 0]))[:START_STATE_SAMPLES]
+    size = int(measured[-1]) + 1 if len(measured) else 1
     head = replace(trace, inputs=trace.inputs[:size], outputs=trace.outputs[:size], start={})
-    (guess,), alone = measured_states(drive, roles, (replace(trace, start={}),)), replace(problem, traces=(head,))
+    (guess,), one_trace = (measured_states(drive, roles, (replace(trace, start={}),)),
+                           replace(problem, traces=(head,)))
     here = Point(point.values, (guess,))
-    normal = alone.normal(here) if noise is None else normal_under(alone, here, noise)
+    normal = one_trace.normal(here) if noise is None else normal_under(one_trace, here, noise)
     own, slope = normal.own[0], normal.own_slope[0]
     scale = np.sqrt(np.diag(own))
     j = np.flatnonzero(scale > 0.0)
     inverse, lost = inverted(own[np.ix_(j, j)] / np.outer(scale[j], scale[j]), 1e-10)
-    asked, std = guess.copy(), np.full(len(scale), np.nan)
+    estimated, std = guess.copy(), np.full(len(scale), np.nan)
     step = inverse @ (slope[j] / scale[j])
-    asked[j] -= step / scale[j]
+    estimated[j] -= step / scale[j]
     if noise is None:
-        left = normal.cost - float(slope[j] / scale[j] @ step)
-        variance = left / max(np.isfinite(head.outputs).sum() - len(j), 1)
+        residual_cost = normal.cost - float(slope[j] / scale[j] @ step)
+        variance = residual_cost / max(np.isfinite(head.outputs).sum() - len(j), 1)
     std[j] = np.where(lost, np.nan, np.sqrt(variance * np.diag(inverse)) / scale[j])
-    return asked, std
+    return estimated, std

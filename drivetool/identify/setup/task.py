@@ -1,4 +1,4 @@
-"""What is to be fitted to which recordings, and what came of it."""
+"""A fit to recordings: the task, and its outcome."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from drivetool.drive import Drive, shared
 from drivetool.drive.simulation import Trace
 from drivetool.identify.noise import Fit
 from drivetool.identify.problem import Point, Problem, Solution
-from drivetool.identify.setup.setup import Roles, linear_problem_of, problem_of, replaced, traces_of
+from drivetool.identify.setup.setup import Roles, linear_problem_of, problem_of, traces_of, with_trial_values
 from drivetool.logs import Experiment
 
 
@@ -19,7 +19,7 @@ from drivetool.logs import Experiment
 class Task:
     """A drive to be fitted to recordings.
 
-    start  what is known of the state in which the recordings begin, by number, see `traces_of`
+    start  known states in which the recordings begin, by number, see `traces_of`
     """
 
     drive: Drive
@@ -34,7 +34,7 @@ class Task:
         return problem_of(self.drive, free, self.roles, self.traces(segment))
 
     def linear_problem(self, segment: float = 0.0) -> Problem:
-        """The same without gaps and Coulomb friction, for observers; it takes the same points."""
+        """The same without gaps and Coulomb friction, for observers, at the same points."""
         return linear_problem_of(self.drive, self.free, self.roles, self.traces(segment))
 
     def traces(self, segment: float = 0.0) -> tuple[Trace, ...]:
@@ -43,7 +43,7 @@ class Task:
 
     def at(self, values: Mapping[str, float]) -> Task:
         """The task with other values of the drive."""
-        return replace(self, drive=replaced(self.drive, list(values), np.array(list(values.values()))))
+        return replace(self, drive=with_trial_values(self.drive, list(values), np.array(list(values.values()))))
 
     def at_point(self, point: Point) -> Task:
         """The task at fitted values."""

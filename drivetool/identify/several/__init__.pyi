@@ -1,4 +1,9 @@
 from .both_motors import Swap as Swap, swap as swap
-from .both_sides import BEYOND as BEYOND, Figure as Figure, Side as Side, SwapLine as SwapLine
+from .both_sides import (
+    MIN_SIGNIFICANT_RATIO as MIN_SIGNIFICANT_RATIO,
+    Figure as Figure,
+    Side as Side,
+    SwapLine as SwapLine,
+)
 from .comparison import CompareOptions as CompareOptions, Comparison as Comparison, compare as compare
-from .differences import FEWEST as FEWEST
+from .differences import MIN_RECORDS_PER_MACHINE as MIN_RECORDS_PER_MACHINE

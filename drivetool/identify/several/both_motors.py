@@ -9,19 +9,28 @@ import numpy as np
 from scipy.stats import chi2, norm
 
 from drivetool.errors import BadParameters, Finding
-from drivetool.identify.estimate import Covariance, Exhibit
-from drivetool.identify.several.both_sides import BEYOND, Side, SwapLine, derived_of, lines_of
-from drivetool.quantity import ELECTRIC
+from drivetool.identify.estimate import Covariance, PlotData
+from drivetool.identify.several.both_sides import (
+    MIN_SIGNIFICANT_RATIO,
+    Side,
+    SwapLine,
+    derived_swap_lines,
+    swap_lines,
+)
+from drivetool.quantity import ELECTRIC_UNITS
 
-LEVEL = float(2.0 * norm.sf(BEYOND))  # of the chi-square, as rare as one parameter beyond that
-RECIPROCAL = 1e-3  # relative, to which two ratios are each other's reciprocal: a person writes 0.333
-NULL = 1e-8  # eigenvalue of a correlation matrix below which the ten digits of a file make it
-SHOWN = 3  # parameters that a sentence lists
+# Of the chi-square, as rare as one parameter beyond that.
+SIDES_SIGNIFICANCE = float(2.0 * norm.sf(MIN_SIGNIFICANT_RATIO))
+# Relative, to which two ratios are each other's reciprocal: one may be written as 0.333.
+RECIPROCAL_TOLERANCE = 1e-3
+# Eigenvalue of a correlation matrix below which it is rounding to the ten digits of a file.
+MIN_CORRELATION_EIGENVALUE = 1e-8
+MAX_LISTED_PARAMETERS = 3  # parameters that a sentence lists, a choice for readability
 
 
 @dataclass(frozen=True)
 class Swap:
-    """Both sides held against each other.
+    """Comparison of both sides.
 
     lines, derived      parameters, and figures that follow from them
     chi_square, degrees, p  of all parameters that have a ratio, by both covariances; None: none has
@@ -38,7 +47,7 @@ class Swap:
     agree: bool | None
     outcome: str
     findings: tuple[Finding, ...] = ()
-    exhibits: tuple[Exhibit, ...] = ()
+    exhibits: tuple[PlotData, ...] = ()
 
 
 def swap(first: Side, second: Side) -> Swap:
@@ -50,20 +59,20 @@ def swap(first: Side, second: Side) -> Swap:
                    gear ratios that are not known or not each other's reciprocal
     source         Wald test of equal parameters, Casella, Berger 2002, sec. 10.3
     """
-    _alike(first, second)
-    lines = tuple(lines_of(first, second))
-    derived = tuple(derived_of(first, second))
+    _check_same_drive(first, second)
+    lines = tuple(swap_lines(first, second))
+    derived = tuple(derived_swap_lines(first, second))
     compared = [line for line in lines if line.ratio is not None]
     chi_square, degrees = _chi_square(compared, first, second)
     p = float(chi2.sf(chi_square, degrees)) if compared else None
     differ = [line for line in (*lines, *derived) if line.differs]
-    agree = None if p is None else not differ and p >= LEVEL
+    agree = None if p is None else not differ and p >= SIDES_SIGNIFICANCE
     found = Swap(first.name, second.name, lines, derived, chi_square if compared else None, degrees, p, agree, "")
-    found = replace(found, outcome=_outcome(found, differ), exhibits=_picture(found))
-    return replace(found, findings=tuple(_findings(found, differ)))
+    found = replace(found, outcome=_swap_outcome_sentence(found, differ), exhibits=_ratio_plots(found))
+    return replace(found, findings=tuple(_swap_findings(found, differ)))
 
 
-def _alike(first: Side, second: Side) -> None:
+def _check_same_drive(first: Side, second: Side) -> None:
     """Raise BadParameters unless both files can be of one drive."""
     one, other = first.drive, second.drive
     if not one.shafts or len(one.bodies) != len(other.bodies):
@@ -77,7 +86,7 @@ def _alike(first: Side, second: Side) -> None:
             raise BadParameters(f"one unit of {what} in both files",
                                 f"{mine} in {first.name} and {its} in {second.name}",
                                 "Write both channels in the same unit, by the channel map or a torque constant.")
-    if one.torque_unit in ELECTRIC:
+    if one.torque_unit in ELECTRIC_UNITS:
         raise BadParameters("parameters in Nm or N: the inputs of two motors have no common unit otherwise",
                             f"{one.torque_unit} in {first.name} and {second.name}",
                             "Give each motor's torque constant, with --set motor.torque_constant=VALUE.")
@@ -87,17 +96,17 @@ def _alike(first: Side, second: Side) -> None:
         raise BadParameters("one damping_law of the gap in both files", f"{one.damping_law} in {first.name} and "
                             f"{other.damping_law} in {second.name}", "Fit both sides by the same law.")
     for mine, its in zip(one.shafts, reversed(other.shafts), strict=True):
-        _reciprocal(f"{mine}.ratio", first, f"{its}.ratio", second)
+        _check_reciprocal_ratios(f"{mine}.ratio", first, f"{its}.ratio", second)
 
 
-def _reciprocal(mine: str, first: Side, its: str, second: Side) -> None:
+def _check_reciprocal_ratios(mine: str, first: Side, its: str, second: Side) -> None:
     """Raise BadParameters unless the ratio of a shaft is known, and one over that of the other file."""
     for name, side in ((mine, first), (its, second)):
         if side.covariance is not None and name in side.covariance.names:
             raise BadParameters(f"a known {name}, by which the other side is converted",
                                 f"a fitted one in {side.name}", "Hold the gear ratio.")
     one, other = first.drive.value(mine) or 1.0, second.drive.value(its) or 1.0
-    if abs(one * other - 1.0) > RECIPROCAL:
+    if abs(one * other - 1.0) > RECIPROCAL_TOLERANCE:
         raise BadParameters(f"{its} of {1.0 / one:.6g} in {second.name}, the reciprocal of that in {first.name}",
                             f"{other:g}", "Correct the gear ratio of one of the two files, and fit it again.")
 
@@ -107,57 +116,59 @@ def _chi_square(lines: Sequence[SwapLine], first: Side, second: Side) -> tuple[f
     if not lines or first.covariance is None or second.covariance is None:
         return 0.0, 0
     factors = np.array([line.factor for line in lines])
-    joint = _part(first.covariance, [line.first for line in lines])
-    joint = joint + _part(second.covariance, [line.second for line in lines]) * np.outer(factors, factors)
+    joint = _covariance_of(first.covariance, [line.first for line in lines])
+    joint = joint + _covariance_of(second.covariance, [line.second for line in lines]) * np.outer(factors, factors)
     stds = np.sqrt(np.diag(joint))
     sizes, directions = np.linalg.eigh(joint / np.outer(stds, stds))
-    kept = sizes > NULL
+    kept = sizes > MIN_CORRELATION_EIGENVALUE
     parts = directions[:, kept].T @ (np.array([line.difference for line in lines], float) / stds)
     return float(np.sum(parts**2 / sizes[kept])), int(np.count_nonzero(kept))
 
 
-def _part(covariance: Covariance, names: Sequence[str]) -> np.ndarray:
+def _covariance_of(covariance: Covariance, names: Sequence[str]) -> np.ndarray:
     index = [covariance.names.index(name) for name in names]
     return covariance.matrix[np.ix_(index, index)]
 
 
-def _outcome(found: Swap, differ: Sequence[SwapLine]) -> str:
+def _swap_outcome_sentence(found: Swap, differ: Sequence[SwapLine]) -> str:
     if found.p is None:
-        return "No parameter has an interval in both files, so nothing says whether the two sides agree."
+        return "No parameter has an interval in both files, so the two sides cannot be compared."
     test = f"chi-square {found.chi_square:.3g} of {found.degrees}, p {found.p:.2g}"
     if found.agree:
         return f"The two sides agree: {test}."
     if not differ:
-        return f"The two sides differ, though no parameter by itself is beyond {BEYOND:g} joint std: {test}."
+        return (f"The two sides differ, though no parameter by itself is beyond "
+                f"{MIN_SIGNIFICANT_RATIO:g} joint std: {test}.")
     worst = sorted(differ, key=lambda line: -abs(line.ratio or 0.0))
-    text = ", ".join(f"{line.first} ({_change(line)}{line.ratio:+.2g} std)" for line in worst[:SHOWN])
-    more = f" and {len(worst) - SHOWN} more" if len(worst) > SHOWN else ""
+    text = ", ".join(f"{line.first} ({_percent_change(line)}{line.ratio:+.2g} std)"
+                     for line in worst[:MAX_LISTED_PARAMETERS])
+    more = f" and {len(worst) - MAX_LISTED_PARAMETERS} more" if len(worst) > MAX_LISTED_PARAMETERS else ""
     return f"The two sides differ in {text}{more}: {test}."
 
 
-def _change(line: SwapLine) -> str:
+def _percent_change(line: SwapLine) -> str:
     """The difference in per cent of the first value, where there is one."""
     value, change = line.values[0], line.difference
     return f"{100.0 * change / abs(value):+.2g} %, " if value and change is not None else ""
 
 
-def _findings(found: Swap, differ: Sequence[SwapLine]) -> list[Finding]:
+def _swap_findings(found: Swap, differ: Sequence[SwapLine]) -> list[Finding]:
     if found.agree is None:
         return [Finding("warning", "sides-not-compared", found.outcome, {},
                         "Give the files that greybox, backlash or blackbox wrote, and free the same parameters.")]
     if found.agree:
         return []
     evidence = {"chi_square": float(found.chi_square or 0.0), "degrees": found.degrees, "p": float(found.p or 0.0)}
-    return [Finding("warning", "sides-differ", found.outcome,
+    return [Finding("warning", "parameters-differ", found.outcome,
                     evidence | {line.first: float(line.ratio or 0.0) for line in differ},
                     "Check sign, scale and clock of the torque channels; run diagnose on both recordings.")]
 
 
-def _picture(found: Swap) -> tuple[Exhibit, ...]:
+def _ratio_plots(found: Swap) -> tuple[PlotData, ...]:
     """Difference over joint std of every line that has one, the first on top."""
     lines = [line for line in (*found.lines, *found.derived) if line.ratio is not None]
     if not lines:
         return ()
     curves = {line.first: (np.array([line.ratio], float), np.array([float(-k)])) for k, line in enumerate(lines)}
-    return (Exhibit("ratios", f"{found.second} less {found.first}", "difference over joint standard deviation", "",
+    return (PlotData("ratios", f"{found.second} less {found.first}", "difference over joint standard deviation", "",
                     curves),)

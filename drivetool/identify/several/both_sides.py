@@ -1,4 +1,4 @@
-"""What two files say of one drive seen from its two ends: names, values and differences, line by line."""
+"""Parameters of one drive by two files, identified from its two ends: names, values and differences."""
 
 from __future__ import annotations
 
@@ -8,12 +8,13 @@ from math import prod
 
 import numpy as np
 
-from drivetool.drive import AT, GEARED, TOTALS, Drive
+from drivetool.drive import GEAR_RATIO_EXPONENTS, RECORD_MARK, TOTALS, Drive
 from drivetool.drive.effects import load_step
 from drivetool.identify.estimate import Covariance
 
-BEYOND = 3.0  # joint standard deviations from which on a parameter differs: by chance one of 370 does
-SAME = 1e-8  # relative difference below which two values are one: ten digits are written
+# Joint standard deviations from which on a parameter differs: by chance one of 370 does.
+MIN_SIGNIFICANT_RATIO = 3.0
+FILE_ROUNDING = 1e-8  # relative difference below which two values are one: ten digits are written
 
 OTHER_MOTOR = "of the motor's converter or sensor, and the other file has those of the other motor"
 OTHER_NOTCH = "the anti-resonance is that of the load, and the two files have different loads"
@@ -35,7 +36,7 @@ class Figure:
 
 @dataclass(frozen=True)
 class Side:
-    """What is known of a drive from one of its motors.
+    """Estimate of a drive from one of its motors.
 
     name        of the file
     drive       with its values
@@ -83,17 +84,17 @@ class SwapLine:
     @property
     def differs(self) -> bool:
         """Whether it is beyond what both files allow."""
-        return self.ratio is not None and abs(self.ratio) > BEYOND
+        return self.ratio is not None and abs(self.ratio) > MIN_SIGNIFICANT_RATIO
 
 
 def counterpart(name: str, first: Drive, second: Drive) -> tuple[str, float]:
     """(name in the second drive, factor that refers its value to the first one); no name for what it lacks.
 
     A shaft's torque and twist are those behind its gear: behind one of ratio n its stiffness is n^2 times that in
-    front of it. Sums are as the motor feels them. What belongs to a body is the body's own.
+    front of it. Sums are referred to the motor. Parameters of a body are not referred.
     """
     owner, _, suffix = name.partition(".")
-    if AT in name or owner in ("converter", "sensor"):
+    if RECORD_MARK in name or owner in ("converter", "sensor"):
         return "", 1.0
     if owner in first.bodies:
         return f"{second.bodies[-1 - first.bodies.index(owner)]}.{suffix}", 1.0
@@ -103,49 +104,51 @@ def counterpart(name: str, first: Drive, second: Drive) -> tuple[str, float]:
         if suffix == "ratio":
             return f"{other}.ratio", ratio**-2.0  # of n and 1/n
         return f"{other}.{suffix}", quantity.size(1.0 / ratio, ratio) / quantity.scale
-    return name, _whole(second) ** GEARED[TOTALS[name]] if name in TOTALS else 1.0
+    return name, _total_gear_ratio(second) ** GEAR_RATIO_EXPONENTS[TOTALS[name]] if name in TOTALS else 1.0
 
 
-def _whole(drive: Drive) -> float:
+def _total_gear_ratio(drive: Drive) -> float:
     """Turns of the first body for one of the last."""
     return prod(drive.value(f"{shaft}.ratio") or 1.0 for shaft in drive.shafts)
 
 
-def lines_of(first: Side, second: Side) -> Iterator[SwapLine]:
+def swap_lines(first: Side, second: Side) -> Iterator[SwapLine]:
     """Every parameter that one of the files has, in the order of the first drive."""
     mine, its, taken = first.figures(), second.figures(), set()
     for name in first.drive.quantities:
         other, factor = counterpart(name, first.drive, second.drive)
         taken.add(other)
         if name in mine or other in its:
-            said = _not_compared(name)
-            yield line_of(name, other, factor, mine.get(name), its.get(other), first.name, second.name, said)
+            why_not = _why_not_compared(name)
+            yield swap_line(name, other, factor, mine.get(name), its.get(other), first.name, second.name, why_not)
     for name in its:
         if name not in taken:
-            yield line_of("", name, 1.0, None, its[name], first.name, second.name, _not_compared(name))
+            yield swap_line("", name, 1.0, None, its[name], first.name, second.name, _why_not_compared(name))
 
 
-def _not_compared(name: str) -> str:
+def _why_not_compared(name: str) -> str:
     """Why a parameter of two recordings is not one of the drive; empty if it is."""
     owner, _, suffix = name.partition(".")
-    if AT in name or f".{suffix}" in (*load_step.TORQUES, *load_step.TIMES, *load_step.RECORDS):
+    if RECORD_MARK in name or f".{suffix}" in (*load_step.STEP_TORQUES, *load_step.STEP_TIMES,
+                                               *load_step.STEP_RECORDS):
         return ONE_RECORD
     if owner in ("converter", "sensor"):
         return OTHER_MOTOR
     return PHASE if suffix.endswith(("_sine", "_cosine")) else ""
 
 
-def derived_of(first: Side, second: Side) -> Iterator[SwapLine]:
+def derived_swap_lines(first: Side, second: Side) -> Iterator[SwapLine]:
     """Figures of both files that follow from the parameters; resonances are those of the whole drive."""
     for name in dict.fromkeys((*first.derived, *second.derived)):
-        factor = _whole(second.drive) ** 2.0 if name.startswith("total_inertia") else 1.0
+        factor = _total_gear_ratio(second.drive) ** 2.0 if name.startswith("total_inertia") else 1.0
         notch = OTHER_NOTCH if name.startswith("anti_resonance") else ""
-        yield line_of(name, name, factor, first.derived.get(name), second.derived.get(name), first.name,
-                      second.name, notch)
+        yield swap_line(name, name, factor, first.derived.get(name), second.derived.get(name), first.name,
+                        second.name, notch)
 
 
-def line_of(name: str, other: str, factor: float, mine: Figure | None, its: Figure | None, first: str, second: str,
-            why_not: str = "") -> SwapLine:
+def swap_line(name: str, other: str, factor: float, mine: Figure | None, its: Figure | None, first: str,
+              second: str,
+              why_not: str = "") -> SwapLine:
     """One figure on both sides.
 
     factor         of the second value
@@ -166,14 +169,14 @@ def line_of(name: str, other: str, factor: float, mine: Figure | None, its: Figu
                        stds=(one.std, None))
     change = two.value * factor - one.value
     line = replace(line, difference=change)
-    equal = abs(change) <= SAME * abs(one.value)
+    equal = abs(change) <= FILE_ROUNDING * abs(one.value)
     if stds[0] is None or stds[1] is None:
         if equal:
             return replace(line, reason=EQUAL)
-        untold = [f"no interval in {file}{f': {figure.reason}' if figure.reason else ''}"
-                  for file, figure in ((first, one), (second, two)) if figure.std is None]
-        return replace(line, reason="; ".join(untold))
-    if equal and abs(stds[0] - stds[1]) <= SAME * stds[0]:
+        unidentified = [f"no interval in {file}{f': {figure.reason}' if figure.reason else ''}"
+                        for file, figure in ((first, one), (second, two)) if figure.std is None]
+        return replace(line, reason="; ".join(unidentified))
+    if equal and abs(stds[0] - stds[1]) <= FILE_ROUNDING * stds[0]:
         return replace(line, reason=CARRIED)
     std = float(np.hypot(*stds))
     return replace(line, std=std, ratio=change / std)

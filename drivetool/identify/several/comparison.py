@@ -1,7 +1,7 @@
-"""Every structure fitted on every record and checked on all: cross-tables, and figures over experiments.
+"""Every structure fitted on every record and validated on all: cross-tables, and figures over experiments.
 
-How the papers on the robot axis and on the bus driveline judge their models. A model that explains the
-record it was fitted on and no other has not been identified.
+The papers on the robot axis and on the bus driveline assess their models in this way. A model that explains only
+the record it was fitted on is not identified.
 """
 
 from __future__ import annotations
@@ -14,31 +14,32 @@ import numpy as np
 from drivetool.drive import Drive
 from drivetool.errors import BadOption, DriveToolError, Finding, NotEnoughData
 from drivetool.identify.channels import torque_timing
-from drivetool.identify.estimate import Estimate, Exhibit, Parameter, fit_percent, parameters_of
+from drivetool.identify.estimate import Estimate, Parameter, PlotData, fit_percent, parameters_of
 from drivetool.identify.fit import by_innovations, by_simulation, free_run, with_totals
 from drivetool.identify.greybox import default_free
 from drivetool.identify.polynomial import (
+    DEFAULT_NOISE_ORDER,
     KINDS,
-    NOISE_ORDER,
     PemFit,
     Structure,
+    chain_parameters,
     conversion,
     data_of,
     figures_of,
     fit_structure,
-    lines_of,
-    ringing,
-    ringing_with_std,
+    polynomial_blackbox,
+    ringing_frequencies,
+    ringing_frequencies_with_std,
     simulated_fit,
-    structured,
 )
 from drivetool.identify.setup import Options, Task, roles_of
-from drivetool.identify.several.differences import Difference, between_machines, differences, told
-from drivetool.logs import Experiment, Source, numbered
+from drivetool.identify.several.differences import Difference, between_machines, difference_findings, differences
+from drivetool.logs import Experiment, Source, number_duplicates
 
 PHYSICAL = ("physical", "physical-innovations")
 STRUCTURES = (*KINDS, *PHYSICAL)
-OVERCONFIDENT = "physical"  # fitted to simulate: its std lacks the torque noise, so no difference is told by it
+# Simulation-error fit: its std lacks the torque noise, so differences are not tested.
+WITHOUT_VALID_STD = "physical"
 
 
 @dataclass(frozen=True)
@@ -61,15 +62,15 @@ class CompareOptions:
 
 
 @dataclass(frozen=True)
-class Model:
+class FittedStructure:
     """A structure fitted on one record.
 
     fit       polynomial models; None for physical ones
     drive     with its values, physical models
     lines     parameters of the drive, where they follow
     figures   name -> (value, std or None, unit)
-    why       what went wrong; empty if nothing
-    findings  what the fit tells about the recording
+    why       why there is no fit; empty if there is one
+    findings  of the fit about the recording
     """
 
     structure: str
@@ -80,12 +81,12 @@ class Model:
     figures: Mapping[str, tuple[float, float | None, str]] = field(default_factory=dict)
     unstable: bool = False
     noise_parameters: int = 0
-    why: str = ""
+    failure: str = ""
     findings: tuple[Finding, ...] = ()
 
 
 @dataclass(frozen=True)
-class Spread:
+class FigureScatter:
     """A figure over experiments: values and stated std per record, mean, std and standard error over them."""
 
     structure: str
@@ -100,20 +101,20 @@ class Spread:
 
 @dataclass(frozen=True)
 class Comparison:
-    """cross: (structure, fitted on, checked on) -> fit [%] or None; spread per structure and figure.
+    """cross: (structure, fitted on, checked on) -> fit [%] or None; spread: scatter per structure and figure.
 
     differences  of figures whose std holds, between records
     """
 
-    models: tuple[Model, ...]
+    models: tuple[FittedStructure, ...]
     cross: Mapping[tuple[str, str, str], float | None]
-    spread: tuple[Spread, ...]
+    spread: tuple[FigureScatter, ...]
     differences: tuple[Difference, ...]
     outcome: str
     findings: tuple[Finding, ...]
     data: tuple[Source, ...]
     options: Mapping[str, object] = field(default_factory=dict)
-    exhibits: tuple[Exhibit, ...] = ()
+    exhibits: tuple[PlotData, ...] = ()
 
 
 def compare(experiments: Sequence[Experiment], drive: Drive, options: CompareOptions) -> Comparison:
@@ -128,44 +129,49 @@ def compare(experiments: Sequence[Experiment], drive: Drive, options: CompareOpt
     """
     if len(experiments) < 2:
         raise NotEnoughData("at least two recordings to compare", f"{len(experiments)}", "Name another log file.")
-    names = numbered([e.name for e in experiments])
+    names = number_duplicates([e.name for e in experiments])
     models = []
     for structure in options.structures:
         for name, e in zip(names, experiments, strict=True):
-            models.append(model_of(structure, name, e, drive, options, experiments))
-    cross = {(m.structure, m.record, name): _checked(m, e) for m in models
+            models.append(fitted_structure(structure, name, e, drive, options, experiments))
+    cross = {(m.structure, m.record, name): _validation_fit_percent(m, e) for m in models
              for name, e in zip(names, experiments, strict=True)}
     machines = {name: [names[i] for i in places] for name, places in options.machines.items()}
-    apart = [_differences(s, {m.record: figures_in(m) for m in models if m.structure == s}, machines)
-             for s in dict.fromkeys(m.structure for m in models) if s != OVERCONFIDENT]
+    differences_found = [
+        _differences_of_structure(s, {m.record: compared_figures(m) for m in models if m.structure == s}, machines)
+        for s in dict.fromkeys(m.structure for m in models) if s != WITHOUT_VALID_STD]
     return Comparison(
-        tuple(models), cross, tuple(spread_of(models, names)), tuple(d for each in apart for d in each),
-        _outcome(cross), (*_findings(models, cross), *(f for each in apart for f in told(each, bool(machines)))),
-        tuple(e.source for e in experiments), {}, _pictures(models, experiments[0].step))
+        tuple(models), cross, tuple(scatter_over_records(models, names)),
+        tuple(d for each in differences_found for d in each),
+        _best_structure_sentence(cross),
+        (*_comparison_findings(models, cross),
+         *(f for each in differences_found for f in difference_findings(each, bool(machines)))),
+        tuple(e.source for e in experiments), {}, _bode_plots(models, experiments[0].step))
 
 
-def _differences(structure: str, figures: Mapping[str, Mapping[str, tuple[float, float | None, str]]],
-                 machines: Mapping[str, Sequence[str]]) -> tuple[Difference, ...]:
+def _differences_of_structure(structure: str, figures: Mapping[str, Mapping[str, tuple[float, float | None, str]]],
+                              machines: Mapping[str, Sequence[str]]) -> tuple[Difference, ...]:
     return between_machines(structure, figures, machines) if machines else differences(structure, figures)
 
 
-def model_of(structure: str, name: str, e: Experiment, drive: Drive, options: CompareOptions,
-             together: Sequence[Experiment]) -> Model:
-    """One fit; what goes wrong is an entry of the table, not the end of it.
+def fitted_structure(structure: str, name: str, e: Experiment, drive: Drive, options: CompareOptions,
+             compared: Sequence[Experiment]) -> FittedStructure:
+    """One fit; a failure is an entry of the table, not the end of it.
 
-    together  all that are compared: what one of them shows is free in each
+    compared  all recordings that are compared: a parameter identifiable from one of them is free in each
     """
     try:
         if structure in PHYSICAL:
-            return _physical(structure, name, e, drive, together)
+            return _fit_physical(structure, name, e, drive, compared)
         order = options.order or 2 * len(drive.bodies) - 1
-        noise = NOISE_ORDER if options.noise_order is None else options.noise_order
-        return _polynomial(structure, name, e, drive, order, noise)
+        noise = DEFAULT_NOISE_ORDER if options.noise_order is None else options.noise_order
+        return _fit_polynomial(structure, name, e, drive, order, noise)
     except DriveToolError as error:
-        return Model(structure, name, why=str(error))
+        return FittedStructure(structure, name, failure=str(error))
 
 
-def _polynomial(structure: str, name: str, e: Experiment, drive: Drive, order: int, noise: int) -> Model:
+def _fit_polynomial(structure: str, name: str, e: Experiment, drive: Drive, order: int,
+                    noise: int) -> FittedStructure:
     data = data_of([e])
     fit = fit_structure(data.stretches, Structure(structure, order, noise, data.extra))
     f = figures_of(fit, data.step)
@@ -175,41 +181,43 @@ def _polynomial(structure: str, name: str, e: Experiment, drive: Drive, order: i
             figures[f"{kind} {i}"] = (pair.rad_s, f.std(pair.d_rad_s), "rad/s")
     found, covariance, _ = conversion(drive, f, data.extra)
     if covariance is not None:  # of the drive itself, as for the physical models, not of its samples
-        figures |= {n: (w, std, "rad/s") for n, (w, std) in ringing_with_std(drive, found, covariance).items()}
-    return Model(structure, name, fit, None, lines_of(drive, found), figures, bool(f.unstable),
+        figures |= {n: (w, std, "rad/s")
+                    for n, (w, std) in ringing_frequencies_with_std(drive, found, covariance).items()}
+    return FittedStructure(structure, name, fit, None, chain_parameters(drive, found), figures, bool(f.unstable),
                  fit.structure.noise_parameters)
 
 
-def _physical(structure: str, name: str, e: Experiment, drive: Drive, together: Sequence[Experiment]) -> Model:
+def _fit_physical(structure: str, name: str, e: Experiment, drive: Drive,
+                  compared: Sequence[Experiment]) -> FittedStructure:
     """The grey box without its hold-out trials: one fit by its criterion."""
-    start = drive if not drive.missing() else _started(drive, e)
+    start = drive if not drive.missing() else _with_start_values(drive, e)
     parts = [f"{b}.viscous" for b in start.bodies]
     start = with_totals(start, parts)
-    # Friction in parts, at each body's own speed: K = 0 then is the output-error model in other words.
+    # Friction of each body, at its own speed: with K = 0 this is the output-error model.
     start = start.with_values({p: start.value(p) or 0.0 for p in parts})
-    free = tuple(n for n in start.quantities if n in {*default_free(start, together), *parts}
+    free = tuple(n for n in start.quantities if n in {*default_free(start, compared), *parts}
                  and not n.startswith("total.visc")
-)
+                )
     task = Task(start, free, roles_of([e], start), (e,))
     outcome = by_simulation(task, 0.0, [{}]) if structure == "physical" else by_innovations(task, [{}])
     lines, _, _ = parameters_of(outcome.problem, outcome.solution, start, outcome.drive)
-    figures = {name: (w, None, "rad/s") for name, w in ringing(outcome.drive).items()}
+    figures = {name: (w, None, "rad/s") for name, w in ringing_frequencies(outcome.drive).items()}
     counted = 0 if outcome.fit is None else outcome.fit.noise.parameters
-    return Model(structure, name, None, outcome.drive, lines, figures, False, counted,
+    return FittedStructure(structure, name, None, outcome.drive, lines, figures, False, counted,
                  findings=tuple(torque_timing(outcome)))
 
 
-def _started(drive: Drive, e: Experiment) -> Drive:
+def _with_start_values(drive: Drive, e: Experiment) -> Drive:
     """The drive with the values that output error finds."""
 
-    estimate: Estimate = structured([e], drive, Options(structure="oe", order=2 * len(drive.bodies) - 1))
+    estimate: Estimate = polynomial_blackbox([e], drive, Options(structure="oe", order=2 * len(drive.bodies) - 1))
     if estimate.drive.missing():
         raise NotEnoughData(f"start values of a chain of {len(drive.bodies)} bodies",
                             "none from an output-error model", "Give them with --params or --set.")
     return estimate.drive
 
 
-def _checked(m: Model, e: Experiment) -> float | None:
+def _validation_fit_percent(m: FittedStructure, e: Experiment) -> float | None:
     """Fit [%] of a free run over a record, its start values adjusted; None where there is none."""
     if m.fit is not None:
         data = data_of([e])
@@ -222,11 +230,11 @@ def _checked(m: Model, e: Experiment) -> float | None:
     return fit_percent(y, np.concatenate([r[:, 0] for r in runs]))
 
 
-def spread_of(models: Sequence[Model], records: Sequence[str]) -> list[Spread]:
-    """Mean and spread of every figure that all records have."""
+def scatter_over_records(models: Sequence[FittedStructure], records: Sequence[str]) -> list[FigureScatter]:
+    """Mean and scatter of every figure that all records have."""
     found = []
     for structure in dict.fromkeys(m.structure for m in models):
-        mine = {m.record: figures_in(m) for m in models if m.structure == structure}
+        mine = {m.record: compared_figures(m) for m in models if m.structure == structure}
         for name in dict.fromkeys(n for figures in mine.values() for n in figures):
             entries = [mine.get(r, {}).get(name) for r in records]
             values = np.array([x[0] for x in entries if x is not None and np.isfinite(x[0])])
@@ -234,19 +242,19 @@ def spread_of(models: Sequence[Model], records: Sequence[str]) -> list[Spread]:
                 continue  # the mean of those that happen to be above a bound would be no mean
             std = float(values.std(ddof=1))
             unit = next(x[2] for x in entries if x is not None)
-            found.append(Spread(
+            found.append(FigureScatter(
                 structure, name, unit, tuple(x and float(x[0]) for x in entries),
                 tuple(x and x[1] for x in entries), float(values.mean()), std, std / float(np.sqrt(len(values)))))
     return found
 
 
-def figures_in(m: Model) -> dict[str, tuple[float, float | None, str]]:
-    """Pairs, then the parameters that the fit tells."""
+def compared_figures(m: FittedStructure) -> dict[str, tuple[float, float | None, str]]:
+    """Pole and zero pairs, then the parameters that the fit identifies."""
     lines = {p.name: (p.value, p.std, p.unit) for p in m.lines if p.status == "fitted"}
     return dict(m.figures) | lines
 
 
-def _pictures(models: Sequence[Model], step: float) -> tuple[Exhibit, ...]:
+def _bode_plots(models: Sequence[FittedStructure], step: float) -> tuple[PlotData, ...]:
     """The responses of the polynomial models over each other, one picture per structure."""
     found = []
     for structure in dict.fromkeys(m.structure for m in models if m.fit is not None):
@@ -255,11 +263,11 @@ def _pictures(models: Sequence[Model], step: float) -> tuple[Exhibit, ...]:
         low, high = (0.2 * min(pairs), 3.0 * max(pairs)) if pairs else (0.02 / step, 0.5 / step)
         hz = np.geomspace(low, min(high, 0.9 * np.pi / step), 400) / (2.0 * np.pi)
         curves = {m.record: (hz, np.abs(figures_of(m.fit, step).response(hz)[0])) for m in mine}
-        found.append(Exhibit("bode", f"{structure}: fitted on each record", "frequency [Hz]", "magnitude", curves))
+        found.append(PlotData("bode", f"{structure}: fitted on each record", "frequency [Hz]", "magnitude", curves))
     return tuple(found)
 
 
-def _outcome(cross: Mapping[tuple[str, str, str], float | None]) -> str:
+def _best_structure_sentence(cross: Mapping[tuple[str, str, str], float | None]) -> str:
     """Which structure simulates the other records best."""
     scores = {}
     for structure in dict.fromkeys(s for s, _, _ in cross):
@@ -273,31 +281,33 @@ def _outcome(cross: Mapping[tuple[str, str, str], float | None]) -> str:
             + "".join(f", {s} {v:.1f} %" for s, v in scores.items() if s != best))
 
 
-def _findings(models: Sequence[Model], cross: Mapping[tuple[str, str, str], float | None]) -> list[Finding]:
+def _comparison_findings(models: Sequence[FittedStructure],
+                         cross: Mapping[tuple[str, str, str], float | None]) -> list[Finding]:
     found = []
     for m in models:
         found += [replace(f, text=f"{m.structure} on {m.record}: {f.text}") for f in m.findings]
-        if m.why or m.unstable:
-            what = m.why or "the model grows by itself and is not simulated"
+        if m.failure or m.unstable:
+            what = m.failure or "the model is unstable and is not simulated"
             found.append(Finding("warning", "unstable-estimate" if m.unstable else "no-fit",
                                  f"{m.structure} on {m.record}: {what}.", {}, "Leave it out, or change the order."))
     for structure in dict.fromkeys(m.structure for m in models):
-        found += _amplitude(structure, [m for m in models if m.structure == structure])
+        found += _moving_notch_findings(structure, [m for m in models if m.structure == structure])
     return found
 
 
-def _amplitude(structure: str, models: Sequence[Model]) -> list[Finding]:
-    """A first notch that moves from record to record by more than the fits say: not one linear drive."""
+def _moving_notch_findings(structure: str, models: Sequence[FittedStructure]) -> list[Finding]:
+    """A first notch that differs between records by more than its standard deviations: not one linear drive."""
     notch = {m.record: m.figures["notch 1"] for m in models if "notch 1" in m.figures}
     known = {r: x for r, x in notch.items() if x[1] is not None}
     if len(known) < 2:
         return []
     low, high = (f(known, key=lambda r: known[r][0]) for f in (min, max))
-    apart, std = known[high][0] - known[low][0], float(np.hypot(known[high][1], known[low][1]))
-    if apart < 4.0 * std or apart < 0.003 * known[high][0]:
+    shift, std = known[high][0] - known[low][0], float(np.hypot(known[high][1], known[low][1]))
+    if shift < 4.0 * std or shift < 0.003 * known[high][0]:
         return []
     return [Finding(
-        "warning", "notch-moves", f"{structure}: the first notch is {known[low][0]:.4g} rad/s on {low} and "
-        f"{known[high][0]:.4g} on {high}, {apart / std:.0f} standard deviations apart: the records are not of one "
+        "warning", "nonlinear-distortion",
+        f"{structure}: the first notch is {known[low][0]:.4g} rad/s on {low} and "
+        f"{known[high][0]:.4g} on {high}, {shift / std:.0f} standard deviations apart: the records are not of one "
         "linear drive.", {"low": known[low][0], "high": known[high][0], "std": std},
         "A lower notch at a lower amplitude points to backlash: compare amplitudes, and excite odd lines only.")]

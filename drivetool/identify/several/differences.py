@@ -1,4 +1,4 @@
-"""Which parameters differ between records, each pair told with the number of pairs in mind."""
+"""Which parameters differ between records, with p-values adjusted for the number of pairs."""
 
 from __future__ import annotations
 
@@ -10,10 +10,11 @@ import numpy as np
 from scipy.stats import norm
 
 from drivetool.errors import Finding
-from drivetool.identify.outcome import chance_of, mean_of
+from drivetool.identify.outcome import mean_of, p_value_of_equality
 
-FEWEST = 2  # records of a machine: one cannot tell it from its day
-LEVEL = 0.05  # at which records of one machine differ in any figure of a structure, by chance
+MIN_RECORDS_PER_MACHINE = 2  # records of a machine: one alone shows no scatter from day to day
+# Probability that equal machines differ in any figure of a structure by chance: the usual choice.
+DIFFERENCE_SIGNIFICANCE = 0.05
 
 
 @dataclass(frozen=True)
@@ -22,7 +23,7 @@ class Difference:
 
     change, std  second less first, and its standard deviation: by the noise within both records, or by what varies
                  within both machines
-    p            adjusted for all figures and pairs of the structure (Holm); differs: below LEVEL
+    p            adjusted for all figures and pairs of the structure (Holm); differs: below DIFFERENCE_SIGNIFICANCE
     """
 
     structure: str
@@ -40,7 +41,7 @@ def differences(structure: str, figures: Mapping[str, Mapping[str, tuple[float, 
                 ) -> tuple[Difference, ...]:
     """All pairs of records, figure by figure.
 
-    figures  record -> name -> (value, std or None, unit); without a std nothing can be told
+    figures  record -> name -> (value, std or None, unit); without a std it is not compared
     source   Holm 1979, A simple sequentially rejective multiple test procedure
     """
     found = []
@@ -52,7 +53,8 @@ def differences(structure: str, figures: Mapping[str, Mapping[str, tuple[float, 
             both = float(np.hypot(std, other[1]))
             found.append((name, unit, a, b, float(other[0] - value), both))
     p = holm(np.array([2.0 * norm.sf(abs(change) / std) for *_, change, std in found]))
-    return tuple(Difference(structure, *row, float(q), bool(q < LEVEL)) for row, q in zip(found, p, strict=True))
+    return tuple(Difference(structure, *row, float(q), bool(q < DIFFERENCE_SIGNIFICANCE))
+                 for row, q in zip(found, p, strict=True))
 
 
 def between_machines(structure: str, figures: Mapping[str, Mapping[str, tuple[float, float | None, str]]],
@@ -60,21 +62,21 @@ def between_machines(structure: str, figures: Mapping[str, Mapping[str, tuple[fl
     """All pairs of machines, figure by figure, by how each varies from recording to recording.
 
     figures   record -> name -> (value, std or None, unit)
-    machines  name -> its records; a figure that fewer than two of them tell is not compared
+    machines  name -> its records; a figure that fewer than two of them identify is not compared
     source    Welch 1947; Holm 1979
     """
     found = []
     for a, b in combinations(machines, 2):
         for name in dict.fromkeys(n for r in machines[a] for n in figures.get(r, {})):
-            told = [[x for r in machines[m] if (x := figures.get(r, {}).get(name)) is not None and x[1]
-                     and np.isfinite(x[:2]).all()] for m in (a, b)]
-            if min(map(len, told)) < FEWEST:
+            estimates = [[x for r in machines[m] if (x := figures.get(r, {}).get(name)) is not None and x[1]
+                          and np.isfinite(x[:2]).all()] for m in (a, b)]
+            if min(map(len, estimates)) < MIN_RECORDS_PER_MACHINE:
                 continue
-            one, other = (mean_of(*np.array([(x[0], x[1]**2) for x in each]).T) for each in told)
-            found.append((name, told[0][0][2], a, b, other.value - one.value,
-                          float(np.sqrt(one.variance + other.variance)), chance_of(one, other)))
+            one, other = (mean_of(*np.array([(x[0], x[1]**2) for x in each]).T) for each in estimates)
+            found.append((name, estimates[0][0][2], a, b, other.value - one.value,
+                          float(np.sqrt(one.variance + other.variance)), p_value_of_equality(one, other)))
     p = holm(np.array([row[-1] for row in found]))
-    return tuple(Difference(structure, *row[:-1], float(q), bool(q < LEVEL))
+    return tuple(Difference(structure, *row[:-1], float(q), bool(q < DIFFERENCE_SIGNIFICANCE))
                  for row, q in zip(found, p, strict=True))
 
 
@@ -87,27 +89,28 @@ def holm(p: np.ndarray) -> np.ndarray:
     return found
 
 
-def told(found: Sequence[Difference], machines: bool = False) -> list[Finding]:
-    """The differences of a structure in one sentence; one record each cannot tell a machine from a day."""
-    differ = [d for d in found if d.differs]
-    if not differ:
+def difference_findings(found: Sequence[Difference], machines: bool = False) -> list[Finding]:
+    """The differences of a structure in one sentence; one record each does not distinguish machines from days."""
+    significant = [d for d in found if d.differs]
+    if not significant:
         return []
     if machines:
         return [Finding(
-            "warning", "machines-differ",
-            f"{differ[0].structure}: {_listed(differ)}. Each machine varies less from recording to recording.",
-            {f"{d.name} {d.first} {d.second}": d.p for d in differ},
+            "warning", "parameters-differ",
+            f"{significant[0].structure}: {_most_significant_listed(significant)}. Each machine varies less from "
+            "recording to recording.",
+            {f"{d.name} {d.first} {d.second}": d.p for d in significant},
             "Look for wear, lubrication or another load where friction or inertia differs.")]
     return [Finding(
-        "warning", "records-differ",
-        f"{differ[0].structure}: {_listed(differ)}. The noise within the records does not explain it. One record "
-        "each cannot tell another machine from another day.",
-        {f"{d.name} {d.first} {d.second}": d.p for d in differ},
+        "warning", "parameters-differ",
+        f"{significant[0].structure}: {_most_significant_listed(significant)}. The noise within the records does "
+        "not explain it. One record each does not distinguish another machine from another day.",
+        {f"{d.name} {d.first} {d.second}": d.p for d in significant},
         "Record each machine several times, at different times, and compare with --machine.")]
 
 
-def _listed(differ: Sequence[Difference]) -> str:
-    """The three that are told best."""
+def _most_significant_listed(differ: Sequence[Difference]) -> str:
+    """The three most significant ones."""
     text = "; ".join(f"{d.name} {d.change:+.3g} {d.unit} from {d.first} to {d.second} (+- {d.std:.2g}, p {d.p:.2g})"
                      for d in sorted(differ, key=lambda d: d.p)[:3])
     return text + (f", and {len(differ) - 3} more" if len(differ) > 3 else "")

@@ -1,4 +1,4 @@
-"""What a measured shaft torque tells: each side by itself, the gap by its dead stretches, the law of the gap.
+"""Identification from a measured shaft torque: each side, the gap by its dead stretches, the law of the gap.
 
 Experiments with that channel come in. Estimates of both sides go out.
 """

@@ -3,12 +3,12 @@ from .gap_laws import (
     BothLaws as BothLaws,
     both_laws as both_laws,
     both_laws_from as both_laws_from,
-    details_of as details_of,
-    laws_told as laws_told,
+    dead_stretch_details as dead_stretch_details,
+    gap_law_findings as gap_law_findings,
 )
 from .sides import (
-    as_in_file as as_in_file,
-    friction_told as friction_told,
     has_sides as has_sides,
+    with_friction_of_file as with_friction_of_file,
     with_frictions as with_frictions,
+    with_identified_friction as with_identified_friction,
 )

@@ -1,4 +1,4 @@
-"""A shaft torque that is none: a channel of zeros, or one whose sign is turned round."""
+"""Faults of a shaft torque channel: zeros throughout, or an inverted sign."""
 
 from __future__ import annotations
 
@@ -11,19 +11,19 @@ from drivetool.errors import BadRecording
 from drivetool.identify.plateaus import block_means
 from drivetool.logs import Experiment
 
-# Blocks of a recording over which torques are compared: slower than a resonance, above which a shaft torque counts
-# against the motor's. What both lengths tell, no swing fakes.
-BLOCKS = (100, 25)
-# Standard deviations of the share below zero. Of 104 simulated recordings with a right sign, whatever law or load
-# moved them, none came below +0.9; turned round, four in five are beyond five.
-SURE = 5.0
+# Blocks of a recording over which torques are compared: slower than a resonance, above which a shaft torque opposes
+# the motor's. An oscillation does not imitate a wrong sign at both lengths.
+SHAFT_TORQUE_BLOCKS = (100, 25)
+# Standard deviations of the share below zero. Of 104 simulated recordings with a right sign, under any law or load,
+# none was below +0.9; with an inverted sign four in five are beyond five.
+SHAFT_SIGN_SIGNIFICANCE = 5.0
 
 
 def check_shaft_torque(experiments: Sequence[Experiment], drive: Drive) -> None:
     """Raise BadRecording where a logged shaft torque is zero throughout, or falls when the motor's rises.
 
-    What the motor gives and does not need itself goes through the first shaft, whatever moves the other end. Slowly
-    it therefore rises with the motor torque, on every drive and under every load.
+    The motor torque, less what accelerates and brakes the motor, goes through the first shaft. At low frequency the
+    shaft torque therefore rises with the motor torque, on every drive and under every load.
     """
     if not drive.shafts:
         return
@@ -37,15 +37,15 @@ def check_shaft_torque(experiments: Sequence[Experiment], drive: Drive) -> None:
                 "Leave it out of the channel map; or check the amplifier and its channel, and record again.")
         if "motor_torque" in e.magnitudes or "motor_torque" not in e.signals:
             continue
-        shares = [share_of(e, role, count) for count in BLOCKS]
-        if all(s is not None and s[0] < -SURE * s[1] for s in shares):
+        shares = [shaft_torque_share(e, role, count) for count in SHAFT_TORQUE_BLOCKS]
+        if all(s is not None and s[0] < -SHAFT_SIGN_SIGNIFICANCE * s[1] for s in shares):
             raise BadRecording(
                 f"a {role} in the direction of the motor torque in {e.name}",
                 f"one that falls when that rises, by {-shares[0][0]:.2g} of it",
                 f"Turn it round with sign: -1 at {role} in the channel map.")
 
 
-def share_of(experiment: Experiment, role: str, count: int) -> tuple[float, float] | None:
+def shaft_torque_share(experiment: Experiment, role: str, count: int) -> tuple[float, float] | None:
     """(share of the motor torque that a shaft torque follows it by, its std), by means over a recording's blocks.
 
     returns  None where the motor torque hardly changes from block to block

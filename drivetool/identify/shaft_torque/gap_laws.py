@@ -1,8 +1,8 @@
-"""Both published laws of a gap with damping, where a shaft torque was measured: which the record is of.
+"""Both published laws of a gap with damping, where a shaft torque was measured: which one the record supports.
 
 "inside": the damping belongs to the contact, which then never pulls. "always": it acts in the gap too. Across many
-passages a fit finds its way only from close by: half gap and damping begin where the dead stretches of the shaft
-torque have them.
+passages a fit converges only from near the optimum: half gap and damping start from the dead stretches of the shaft
+torque.
 """
 
 from __future__ import annotations
@@ -13,23 +13,25 @@ from typing import get_args
 
 import numpy as np
 
-from drivetool.drive import AT, DampingLaw, is_constant
+from drivetool.drive import RECORD_MARK, DampingLaw, is_constant
 from drivetool.errors import DriveToolError, Finding
-from drivetool.identify.noise import Noise, fit_innovations, fit_ratio, settle, until_settled
+from drivetool.identify.noise import Noise, fit_innovations, fit_ratio, polish, until_converged
 from drivetool.identify.setup import Options, Outcome, Task, first_point
 from drivetool.identify.shaft_torque.dead_stretches import Crossings, crossings
-from drivetool.identify.starts import apart
+from drivetool.identify.starts import log_likelihood_distance
 
-TOLD = 7.0  # log likelihood by which one law must lead: odds of a thousand to one
-SHARES = (0.6, 1.0, 1.6)  # of the contact's damping at which a fit begins: the dead stretches tell it to a third
-MORE = 4  # fits in a row, until one settles
-HOPEFUL = 300.0  # log likelihood behind the likeliest start from which a fit may still end as well
-WORDS = {"inside": "the damping belongs to the contact", "always": "the shaft is damped in its gap too"}
+MIN_LAW_LEAD = 7.0  # log likelihood by which one law must lead: odds of a thousand to one
+# Of the contact's damping, as start values: the dead stretches identify it to a third.
+START_DAMPING_SHARES = (0.6, 1.0, 1.6)
+MAX_REPEATED_FITS = 4  # fits in a row until one converges; a choice that bounds the time of a fit that does not
+# Log likelihood behind the likeliest start, a choice: further behind, a start is given up.
+MAX_GAP_START_LOSS = 300.0
+LAW_DESCRIPTIONS = {"inside": "the damping belongs to the contact", "always": "the shaft is damped in its gap too"}
 
 
 @dataclass(frozen=True)
 class BothLaws:
-    """What came of both laws: the better outcome; of each law its outcome; what dead stretches told, if any."""
+    """Fits of both laws: the better outcome, the outcome of each law, and the dead stretches, if any."""
 
     outcome: Outcome
     each: Mapping[str, Outcome]
@@ -38,49 +40,50 @@ class BothLaws:
     @property
     def lead(self) -> float:
         """Log likelihood of the outcome's law over the other, below zero if it is behind; infinite without one."""
-        others = [_value(o) for law, o in self.each.items() if law != self.outcome.drive.damping_law]
-        return others[0] - _value(self.outcome) if others else float("inf")
+        others = [_minus_log_likelihood_of(o) for law, o in self.each.items()
+                  if law != self.outcome.drive.damping_law]
+        return others[0] - _minus_log_likelihood_of(self.outcome) if others else float("inf")
 
 
 def both_laws(task: Task, options: Options) -> BothLaws | None:
-    """The fits of both laws from what the dead stretches tell; None: they tell nothing, or no fit settled.
+    """The fits of both laws from the dead stretches; None: there are none, or no fit converged.
 
-    The shaft damping is freed with the gap, unless it was asked to be held: with the gap closed another one acts.
-    So are values that came with an uncertainty: over many passages one per cent of them leads astray.
+    The shaft damping is freed with the gap, unless holding it was requested: with the gap closed another one acts.
+    So are values with a standard deviation: over many passages an error of one per cent biases the gap.
 
     task  with one half gap free
     """
     if len(task.drive.shafts) != 1 or options.criterion not in ("auto", "innovations"):
         return None
     shaft = task.drive.shafts[0]
-    if f"{shaft}.half_gap" not in task.free or any(AT in n for n in (*task.free, *task.drive.values)):
+    if f"{shaft}.half_gap" not in task.free or any(RECORD_MARK in n for n in (*task.free, *task.drive.values)):
         return None
     seen = crossings(task)
     if not seen:
         return None
     names = {f"{shaft}.half_gap", f"{shaft}.damping"} - set(options.hold)
-    loose = [] if options.known is None else [
+    with_prior = [] if options.known is None else [
         n for n in options.known.names if n in task.drive.values and n not in options.hold and not is_constant(n)]
     each: dict[str, Outcome] = {}
     for law in get_args(DampingLaw):
-        starts = [start for one in seen for start in _starts(task, shaft, law, one, names)]
-        if (found := _by_law(starts, (*task.free, *loose), names)) is not None:
+        starts = [start for one in seen for start in _law_starts(task, shaft, law, one, names)]
+        if (found := _fit_of_law(starts, (*task.free, *with_prior), names)) is not None:
             each[law] = found
-    settled = [o for o in each.values() if o.converged]
-    if not settled:
+    converged = [o for o in each.values() if o.converged]
+    if not converged:
         return None
-    best = min(settled, key=_value)
+    best = min(converged, key=_minus_log_likelihood_of)
     own = each.get(task.drive.damping_law)
     both = BothLaws(best, each, seen[0])
-    # Where the record does not tell, the law of the file stays, if its fit settled.
-    return replace(both, outcome=own) if own is not None and own.converged and both.lead <= TOLD else both
+    # Where the record does not distinguish the laws, that of the file stays, if its fit converged.
+    return replace(both, outcome=own) if own is not None and own.converged and both.lead <= MIN_LAW_LEAD else both
 
 
 def both_laws_from(outcome: Outcome, options: Options) -> BothLaws | None:
-    """The fits of both laws from where one of them led, where the motor alone was measured.
+    """The fits of both laws from the optimum of one, where the motor alone was measured.
 
-    The shaft damping is free in both, unless it was asked to be held. None: no single gap that was fitted, no
-    damping, or a fit that did not settle.
+    The shaft damping is free in both, unless holding it was requested. None: no single gap that was fitted, no
+    damping, or a fit that did not converge.
 
     outcome  of the drive's own law, whatever was free
     """
@@ -89,84 +92,85 @@ def both_laws_from(outcome: Outcome, options: Options) -> BothLaws | None:
     gap, damping = f"{shafts[0]}.half_gap", f"{shafts[0]}.damping"
     if len(shafts) != 1 or options.criterion not in ("auto", "innovations") or outcome.fit is None \
             or not outcome.converged or gap not in task.free or not task.drive.value(damping) \
-            or not task.drive.value(gap) or any(AT in n for n in (*task.free, *task.drive.values)):
+            or not task.drive.value(gap) or any(RECORD_MARK in n for n in (*task.free, *task.drive.values)):
         return None
     names = {*task.free, damping} - set(options.hold)
     free = tuple(n for n in task.drive.quantities if n in names)
     each: dict[str, Outcome] = {}
     for law in get_args(DampingLaw):
-        begun = replace(task, free=free, drive=replace(task.drive, damping_law=law))
-        if (found := _tried(begun, MORE, outcome.fit.noise)) is not None and found.converged:
+        start = replace(task, free=free, drive=replace(task.drive, damping_law=law))
+        if (found := _fit_or_none(start, MAX_REPEATED_FITS, outcome.fit.noise)) is not None and found.converged:
             each[law] = found
     own = task.drive.damping_law
     if own not in each:
         return None
-    best = min(each.values(), key=_value)
+    best = min(each.values(), key=_minus_log_likelihood_of)
     both = BothLaws(best, each, None)
-    # Where the record does not tell, or the damping did not matter, the fit that was made stays.
-    return both if best.drive.damping_law != own and both.lead > TOLD else replace(both, outcome=each[own])
+    # Where the record does not distinguish the laws, or damping does not matter, the fit that was made stays.
+    return both if best.drive.damping_law != own and both.lead > MIN_LAW_LEAD else replace(both, outcome=each[own])
 
 
-def _starts(task: Task, shaft: str, law: DampingLaw, seen: Crossings, names: set[str]) -> list[Task]:
-    """The task under a law with the gap, and the damping if it is free, where a fit is to begin."""
+def _law_starts(task: Task, shaft: str, law: DampingLaw, seen: Crossings, names: set[str]) -> list[Task]:
+    """Start tasks of a law: with the gap of the dead stretches, and their damping if it is free."""
     name = f"{shaft}.damping"
     first = [seen.open] if law == "always" else []
-    values = [v for v in (*first, *(share * seen.closed for share in SHARES)) if v > 0.0]
-    begun = replace(task, drive=replace(task.drive, damping_law=law)).at({f"{shaft}.half_gap": seen.half_gap})
-    return [begun.at({name: v}) for v in dict.fromkeys(values)] if name in names and values else [begun]
+    values = [v for v in (*first, *(share * seen.closed for share in START_DAMPING_SHARES)) if v > 0.0]
+    start = replace(task, drive=replace(task.drive, damping_law=law)).at({f"{shaft}.half_gap": seen.half_gap})
+    return [start.at({name: v}) for v in dict.fromkeys(values)] if name in names and values else [start]
 
 
-def _by_law(starts: Sequence[Task], free: tuple[str, ...], names: set[str]) -> Outcome | None:
+def _fit_of_law(starts: Sequence[Task], free: tuple[str, ...], names: set[str]) -> Outcome | None:
     """The fit of one law: gap and damping from every start, then all that is free from the likeliest ends."""
     order = starts[0].drive.quantities
-    first = [o for start in starts if (o := _tried(
+    first = [o for start in starts if (o := _fit_or_none(
         replace(start, free=tuple(n for n in order if n in names)), 0)) is not None]
     if not first:
         return None
-    best = min(map(_value, first))
+    best = min(map(_minus_log_likelihood_of, first))
     rest, found = tuple(n for n in order if n in {*names, *free}), []
     for o in first:
-        if _value(o) < best + HOPEFUL:
+        if _minus_log_likelihood_of(o) < best + MAX_GAP_START_LOSS:
             task = replace(o.task.at_point(o.solution.point), free=rest)
-            found.append(_tried(task, MORE, o.fit.noise if o.fit is not None else None))
-    return _with_starts([o for o in found if o is not None])
+            found.append(_fit_or_none(task, MAX_REPEATED_FITS, o.fit.noise if o.fit is not None else None))
+    return _likeliest_with_starts([o for o in found if o is not None])
 
 
-def _tried(task: Task, more: int, noise: Noise | None = None) -> Outcome | None:
+def _fit_or_none(task: Task, repeats: int, noise: Noise | None = None) -> Outcome | None:
     """A fit from the task's values; None where it fails.
 
-    more  fits, each from where the one before was stopped, until one settles
+    more  fits, each from the end of the one before, until one converges
     """
     try:
         problem = task.problem()
         point = first_point(task.drive, problem, task.roles)
         fit = fit_innovations(problem, point, noise or fit_ratio(problem, point, Noise(1.0, None, problem.scale)),
-                              arrived=noise is not None)
-        if more:
-            fit = settle(problem, until_settled(problem, fit, more))
+                              near_optimum=noise is not None)
+        if repeats:
+            fit = polish(problem, until_converged(problem, fit, repeats))
     except (DriveToolError, np.linalg.LinAlgError):
         return None
     return Outcome(task, problem, fit.solution, fit, (), fit.converged)
 
 
-def _with_starts(found: Sequence[Outcome]) -> Outcome | None:
-    """The likeliest outcome that settled, with where each start led: of one on its way the noise is not its own."""
+def _likeliest_with_starts(found: Sequence[Outcome]) -> Outcome | None:
+    """The likeliest converged outcome, with the end of each start: without convergence the noise is not final."""
     if not found:
         return None
-    best = min([o for o in found if o.converged] or found, key=_value)
+    best = min([o for o in found if o.converged] or found, key=_minus_log_likelihood_of)
     starts = tuple({
-        "way": "dead stretches", "minus_log_likelihood_above_best": max(_value(o) - _value(best), 0.0),
-        "apart": apart(best.problem, best.solution, o.solution),
+        "way": "dead stretches",
+        "minus_log_likelihood_above_best": max(_minus_log_likelihood_of(o) - _minus_log_likelihood_of(best), 0.0),
+        "apart": log_likelihood_distance(best.problem, best.solution, o.solution),
         "reached": dict(zip(o.task.free, map(float, o.solution.point.values), strict=True))} for o in found)
     return replace(best, starts=starts)
 
 
-def _value(outcome: Outcome) -> float:
+def _minus_log_likelihood_of(outcome: Outcome) -> float:
     return outcome.fit.value if outcome.fit is not None else float("inf")
 
 
-def law_told(both: BothLaws, shaft: str, settled: bool = True) -> Finding:
-    """Which law the record is of, with both results; settled: whether the fit that is reported did."""
+def gap_law_finding(both: BothLaws, shaft: str, converged: bool = True) -> Finding:
+    """Which law the record supports, with both results; converged: whether the reported fit converged."""
     evidence: dict[str, float] = {}
     drive = both.outcome.drive
     units = [drive.unit(f"{shaft}.{n}") for n in ("half_gap", "damping")]
@@ -175,45 +179,48 @@ def law_told(both: BothLaws, shaft: str, settled: bool = True) -> Finding:
                      f"damping_{law}": o.drive.value(f"{shaft}.damping") or 0.0}
     law = drive.damping_law
     sizes = ", ".join(f"{name}: half gap {evidence[f'half_gap_{name}']:.4g} {units[0]}, damping "
-                      f"{evidence[f'damping_{name}']:.3g} {units[1]}{'' if o.converged else ', not settled'}"
+                      f"{evidence[f'damping_{name}']:.3g} {units[1]}{'' if o.converged else ', not converged'}"
                       for name, o in both.each.items())
     if both.lead == float("inf"):
         return Finding(
-            "note", "gap-law-undetermined",
-            f"Only the law by which {WORDS[law]} could be fitted to this record ({sizes}).", evidence,
+            "note", "gap-law",
+            f"Only the law by which {LAW_DESCRIPTIONS[law]} could be fitted to this record ({sizes}).", evidence,
             "Record more passages through the gap.")
-    if not settled:
+    if not converged:
         return Finding(
-            "note", "gap-law-undetermined",
-            f"The fit did not settle, and so does not tell which law of the gap this record is of ({sizes}).",
+            "note", "gap-law",
+            f"The fit did not converge, and so does not identify the damping law of the gap ({sizes}).",
             evidence, "Start nearer with --set, or record more passages through the gap.")
-    if both.lead <= TOLD:
+    if both.lead <= MIN_LAW_LEAD:
         return Finding(
-            "note", "gap-law-undetermined",
-            f"Whether {WORDS['inside']} or {WORDS['always']} this record does not tell ({sizes}).",
+            "note", "gap-law",
+            f"This record does not distinguish whether {LAW_DESCRIPTIONS['inside']} or "
+            f"{LAW_DESCRIPTIONS['always']} ({sizes}).",
             {**evidence, "log_likelihood_lead": both.lead},
             "Record more passages through the gap, slow ones too: there damping in the gap takes the most.")
     return Finding(
-        "note", "gap-law", f"By this record {WORDS[law]} (damping_law: {law}): log likelihood {both.lead:.0f} "
+        "note", "gap-law",
+        f"By this record {LAW_DESCRIPTIONS[law]} (damping_law: {law}): log likelihood {both.lead:.0f} "
         f"above the other law ({sizes}).", {**evidence, "log_likelihood_lead": both.lead},
         "Keep damping_law in the parameter file.")
 
 
-def laws_told(both: BothLaws | None, outcome: Outcome, free: Sequence[str], settled: bool) -> list[Finding]:
-    """Which law it is, and what was fitted besides what was asked for; settled: whether the outcome did."""
+def gap_law_findings(both: BothLaws | None, outcome: Outcome, free: Sequence[str],
+                     converged: bool) -> list[Finding]:
+    """Which law it is, and what was fitted besides the request; converged: whether the outcome converged."""
     if both is None:
         return []
     more = [n for n in outcome.task.free if n not in free]
-    if both.seen is None and f"{outcome.drive.shafts[0]}.damping" not in more:  # the fit is as it was asked for
+    if both.seen is None and f"{outcome.drive.shafts[0]}.damping" not in more:  # the fit is as requested
         more = []
-    return [law_told(both, outcome.drive.shafts[0], settled), *([] if not more else [Finding(
-        "note", "fitted-again",
+    return [gap_law_finding(both, outcome.drive.shafts[0], converged), *([] if not more else [Finding(
+        "note", "gap-refit",
         f"{', '.join(more)} were fitted together with the half gap: over many passages held values a per cent off "
         "would lead to a wrong one.", {"values": len(more)}, "Hold what is known for sure with --hold.")])]
 
 
-def details_of(both: BothLaws) -> dict[str, object]:
-    """What the dead stretches told, beside what was fitted."""
+def dead_stretch_details(both: BothLaws) -> dict[str, object]:
+    """The estimates from the dead stretches, for comparison with the fit."""
     if both.seen is None:
         return {}
     return {"dead_stretches": {"half_gap": both.seen.half_gap, "spread": both.seen.spread,

@@ -1,7 +1,7 @@
-"""Friction of the two sides of a shaft whose torque was measured: never summed, told by the record or by a file.
+"""Friction of the two sides of a shaft whose torque was measured: never summed, from the record or from a file.
 
-A shaft torque tells what is lost before it from what is lost behind it. At speeds that hardly differ each side's
-viscous friction still trades against its idle torque; then what an earlier step told of them stands.
+A shaft torque separates the losses before it from those behind it. At speeds that hardly differ each side's viscous
+friction is still collinear with its idle torque; then the estimate of an earlier step stands.
 """
 
 from __future__ import annotations
@@ -11,50 +11,59 @@ from dataclasses import replace
 
 import numpy as np
 
-from drivetool.drive import AT, TOTALS, Drive, shared
+from drivetool.drive import RECORD_MARK, TOTALS, Drive, shared
 from drivetool.errors import Finding
 from drivetool.identify.estimate import Z95, Covariance, Estimate, Parameter, covariance_of
-from drivetool.identify.fit import SHARE, again, apart, size_of_idle, split_totals, with_totals
+from drivetool.identify.fit import (
+    MAX_PART_STD_SHARE,
+    refit,
+    small_idle_torque,
+    split_totals,
+    with_friction_parts,
+    with_totals,
+)
 from drivetool.identify.laws import Explanation
-from drivetool.identify.outcome import moved_with
+from drivetool.identify.outcome import held_value_sensitivity
 from drivetool.identify.setup import Options, Outcome, Roles
 
 
 def has_sides(drive: Drive, roles: Roles, options: Options) -> bool:
-    """Whether each body has a side of a measured shaft to itself, and no sum was asked for."""
-    named = {shared(n) for n in (*options.free, *options.hold, *(n for n in drive.values if AT in n))}
+    """Whether each body has a side of a measured shaft to itself, and no sum was requested."""
+    named = {shared(n) for n in (*options.free, *options.hold, *(n for n in drive.values if RECORD_MARK in n))}
     return len(drive.bodies) == 2 and any(r.endswith("_torque") for r in roles.outputs) and not set(TOTALS) & named
 
 
 def with_frictions(drive: Drive, roles: Roles, options: Options) -> Drive:
-    """The drive with each body's friction, or with sums where no shaft torque tells the bodies apart."""
-    return apart(drive) if has_sides(drive, roles, options) else with_totals(drive, (*options.free, *options.hold))
+    """The drive with each body's friction, or with sums where no shaft torque separates the bodies."""
+    return with_friction_parts(drive) if has_sides(drive, roles,
+                                                   options) else with_totals(drive, (*options.free, *options.hold))
 
 
-def friction_told(outcome: Outcome, before: Drive, options: Options, asked: Options) -> Outcome:
-    """The outcome with the friction of each body as far as it is told: by this record, else by the file.
+def with_identified_friction(outcome: Outcome, before: Drive, options: Options, requested: Options) -> Outcome:
+    """The outcome with the friction of each body as far as it is identified: from this record, else from the file.
 
-    Without a shaft torque a sum is parted where the record tells the parts.
+    Without a shaft torque a sum is split where the record identifies the parts.
 
-    The viscous friction goes first: with it known the record may tell the idle torque by itself, which varies more
-    from day to day.
+    The viscous friction goes first: with it known the record may identify the idle torque, which varies more from
+    day to day.
 
-    before  the drive with the file's values; asked: what was asked to be free stays free
+    before  the drive with the file's values; requested: parameters requested to be free stay free
     """
-    if not has_sides(before, outcome.task.roles, asked):
-        return split_totals(outcome, asked)
+    if not has_sides(before, outcome.task.roles, requested):
+        return split_totals(outcome, requested)
     for suffix in TOTALS.values() if options.known is not None and outcome.fit is not None else ():
-        better = dict(zip(options.known.names, np.sqrt(np.diag(options.known.matrix)), strict=True))
-        names = {n for n, std in _untold(outcome, before, suffix).items() if better.get(n, np.inf) < std}
-        names -= set(asked.free)
+        prior_stds = dict(zip(options.known.names, np.sqrt(np.diag(options.known.matrix)), strict=True))
+        names = {n for n, std in _unidentified_parts(outcome, before, suffix).items()
+                 if prior_stds.get(n, np.inf) < std}
+        names -= set(requested.free)
         if names:
             task = outcome.task.at_point(outcome.solution.point).at({n: before.values[n] for n in sorted(names)})
             task = replace(task, free=tuple(n for n in task.free if n not in names))
-            outcome = again(task, outcome.fit.noise)
+            outcome = refit(task, outcome.fit.noise)
     return outcome
 
 
-def _untold(outcome: Outcome, before: Drive, suffix: str) -> dict[str, float]:
+def _unidentified_parts(outcome: Outcome, before: Drive, suffix: str) -> dict[str, float]:
     """The free parts of a sum whose std by this record is above a third of what they are, and that std."""
     task = outcome.task
     covariance, inflation, _ = covariance_of(outcome.problem, outcome.solution)
@@ -64,23 +73,24 @@ def _untold(outcome: Outcome, before: Drive, suffix: str) -> dict[str, float]:
             continue
         size = abs(before.value(name) or 0.0)
         if suffix == "idle_torque":
-            size = max(size, size_of_idle(task))
+            size = max(size, small_idle_torque(task))
         std = np.sqrt(covariance[j, j])
         if not (np.isfinite(std) and np.isfinite(inflation[j])):
             found[name] = np.inf
-        elif std >= SHARE * size:
+        elif std >= MAX_PART_STD_SHARE * size:
             found[name] = float(std)
     return found
 
 
-def as_in_file(estimate: Estimate, outcome: Outcome, options: Options, free: Sequence[str],
+def with_friction_of_file(estimate: Estimate, outcome: Outcome, options: Options, free: Sequence[str],
                explanation: Explanation | None) -> Estimate:
-    """The estimate with what the file told of friction that was to be fitted: its intervals, what goes with them.
+    """The estimate with the file's values, intervals and covariances of friction that was to be fitted.
 
-    free  what was to be fitted; of it `friction_told` held what the record does not tell
+    free  parameters to be fitted; of these `with_identified_friction` held what the record does not identify
     explanation  of which the outcome is the fit
     """
-    found = moved_with(outcome, options.known) if has_sides(outcome.drive, outcome.task.roles, options) else None
+    found = held_value_sensitivity(outcome, options.known) if has_sides(outcome.drive, outcome.task.roles,
+                                                                        options) else None
     if found is None:
         return estimate
     moved, held = found
@@ -92,17 +102,18 @@ def as_in_file(estimate: Estimate, outcome: Outcome, options: Options, free: Seq
         moved, order = explanation.line @ moved, explanation.own.free
     stds = dict(zip(held.names, np.sqrt(np.diag(held.matrix)), strict=True))
     lines = tuple(_with_std(p, float(stds[p.name])) if p.name in names else p for p in estimate.parameters)
-    covariance, told = estimate.covariance, [n for n in held.names if n in names]
+    covariance, from_file = estimate.covariance, [n for n in held.names if n in names]
     if covariance is not None:
         rows = [order.index(n) for n in covariance.names]
-        columns = [held.names.index(n) for n in told]
+        columns = [held.names.index(n) for n in from_file]
         cross = (moved @ held.matrix)[np.ix_(rows, columns)]
-        covariance = Covariance((*covariance.names, *told), np.block([
+        covariance = Covariance((*covariance.names, *from_file), np.block([
             [covariance.matrix, cross], [cross.T, held.matrix[np.ix_(columns, columns)]]]))
     note = Finding(
-        "note", "friction-as-in-the-file",
-        f"{', '.join(told)}: this record does not tell {'it' if len(told) == 1 else 'them'} to a third; what the "
-        "file says stands, with its uncertainty in all intervals.", {n: float(stds[n]) for n in told},
+        "note", "friction-from-prior",
+        f"{', '.join(from_file)}: this record does not identify {'it' if len(from_file) == 1 else 'them'} to a "
+        "third. What the file says stands, with its uncertainty in all intervals.",
+        {n: float(stds[n]) for n in from_file},
         "Record steps about speeds that differ more, or hold each speed for longer.")
     findings = [f for f in estimate.findings if f.code != "held-values-dominate"]
     return replace(estimate, parameters=lines, covariance=covariance, findings=(*findings, note))
@@ -111,4 +122,4 @@ def as_in_file(estimate: Estimate, outcome: Outcome, options: Options, free: Seq
 def _with_std(line: Parameter, std: float) -> Parameter:
     """A held value with its uncertainty."""
     return replace(line, std=std, ci95=(line.value - Z95 * std, line.value + Z95 * std),
-                   reason="as in the file: this record does not tell it")
+                   reason="as in the file: this record does not identify it")

@@ -1,5 +1,5 @@
-"""Ways into the optimum: multi-start search, rigid-body regression, continuation in process noise, clouds of
-guesses, partial records, a look along the stiffness.
+"""Starts of a fit: multi-start search, rigid-body regression, continuation in process noise, cross-entropy search,
+partial records, a grid over the stiffness.
 
 A task comes in. Points to fit from go out.
 """

@@ -1,15 +1,24 @@
-from .attempts import attempted as attempted, that_held as that_held
-from .clouds import from_known as from_known
-from .cooling import SHAPE as SHAPE, cooled as cooled, observers as observers, sides as sides
-from .portions import by_portions as by_portions
-from .resonance import resonances as resonances
-from .rough import KNOWN as KNOWN, balanced as balanced, totals as totals
+from .attempts import attempt_or_none as attempt_or_none, without_failed as without_failed
+from .cross_entropy_search import search_from_prior as search_from_prior
+from .partial_record_restarts import restart_from_partial_records as restart_from_partial_records
+from .process_noise_continuation import (
+    SHAPE_SUFFIXES as SHAPE_SUFFIXES,
+    choose_gap_sides as choose_gap_sides,
+    continue_in_process_noise as continue_in_process_noise,
+    frozen_observers as frozen_observers,
+)
+from .resonance import resonance_starts as resonance_starts
+from .rigid_body_regression import (
+    MAX_RELATIVE_STD as MAX_RELATIVE_STD,
+    regressed_totals as regressed_totals,
+    scaled_to_totals as scaled_to_totals,
+)
 from .search import (
-    AT_ONCE as AT_ONCE,
-    CONFIRMED as CONFIRMED,
+    MAX_AGREEING_LOSS as MAX_AGREEING_LOSS,
+    PARALLEL_STARTS as PARALLEL_STARTS,
     Descent as Descent,
-    agrees as agrees,
-    apart as apart,
-    searched as searched,
-    values_of as values_of,
+    free_values as free_values,
+    log_likelihood_distance as log_likelihood_distance,
+    multi_start_search as multi_start_search,
+    start_agrees as start_agrees,
 )

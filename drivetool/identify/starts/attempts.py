@@ -1,4 +1,4 @@
-"""Ways into a fit of which one may break: a start that no equations hold for never ends a step."""
+"""Starts of a fit of which one may fail: a start without a finite solution never ends a step."""
 
 from __future__ import annotations
 
@@ -7,24 +7,24 @@ from typing import TypeVar
 
 import numpy as np
 
-BROKEN = (np.linalg.LinAlgError, FloatingPointError)  # beyond what numbers can hold: singular, overflown
+NUMERICAL_FAILURES = (np.linalg.LinAlgError, FloatingPointError)  # beyond floating point: singular, overflown
 T = TypeVar("T")
 
 
-def attempted(make: Callable[[], T]) -> T | None:
-    """What a way leads to; None where it breaks."""
+def attempt_or_none(make: Callable[[], T]) -> T | None:
+    """The result; None where the numbers fail."""
     try:
         return make()
-    except BROKEN:
+    except NUMERICAL_FAILURES:
         return None
 
 
-def that_held(found: Sequence[T | None]) -> list[T]:
-    """Those that did not break.
+def without_failed(found: Sequence[T | None]) -> list[T]:
+    """Those that did not fail.
 
     raises  LinAlgError: all did
     """
-    held = [each for each in found if each is not None]
-    if found and not held:
+    successful = [each for each in found if each is not None]
+    if found and not successful:
         raise np.linalg.LinAlgError(f"none of {len(found)} starts can be followed")
-    return held
+    return successful

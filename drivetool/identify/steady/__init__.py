@@ -1,6 +1,6 @@
-"""The step steady: constant speeds, constant torques, or run-downs.
+"""The step steady: constant speeds, constant torques, or coast-downs.
 
-Experiments and options come in. An Estimate of friction, and what else the method tells, goes out.
+Experiments and options come in. An Estimate of friction, and of what else the method identifies, goes out.
 """
 
 import lazy_loader

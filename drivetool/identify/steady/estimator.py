@@ -9,26 +9,26 @@ import numpy as np
 
 from drivetool.drive import Drive
 from drivetool.errors import BadOption, Finding, NotEnoughData
-from drivetool.identify.coast_down import Stretch, run_downs
+from drivetool.identify.coast_down import Stretch, find_coast_downs
 from drivetool.identify.estimate import Covariance, Estimate, Parameter
 from drivetool.identify.plateaus import (
-    KEYS,
-    Interval,
-    Line,
-    Points,
-    Task,
-    body_findings,
-    exhibits,
+    LINE_KEYS,
+    FrictionLine,
+    LineTask,
+    SteadyInterval,
+    SteadyPoints,
+    coulomb_body_findings,
     find_intervals,
     fit_line,
     line_findings,
+    line_parameter,
     make_points,
     mean_variances,
-    parameter,
     point_list,
+    steady_plots,
 )
-from drivetool.identify.setup import Options, at_rates, only_in_greybox
-from drivetool.logs import Experiment, sources
+from drivetool.identify.setup import Options, at_rates, refuse_free_torque_constants
+from drivetool.logs import Experiment, recording_sources
 
 
 def steady(experiments: Sequence[Experiment], drive: Drive, options: Options) -> Estimate:
@@ -51,25 +51,25 @@ def steady(experiments: Sequence[Experiment], drive: Drive, options: Options) ->
     """
     for name in options.hold:
         drive.quantity(name)
-    only_in_greybox(options.free)
-    _check_asked(drive, options)
+    refuse_free_torque_constants(options.free)
+    _check_options(drive, options)
     if options.method == "acceleration":
         from drivetool.identify.acceleration import acceleration
 
         return acceleration(at_rates("steady", experiments, options), drive, options)
     experiments = at_rates("steady", experiments, options)
-    if options.method == "coast-down" or not any(_driven(e) for e in experiments):
+    if options.method == "coast-down" or not any(_has_torque(e) for e in experiments):
         return _coast_down(experiments, drive, options)
-    off = run_downs(experiments)
+    coast_downs = find_coast_downs(experiments)
     intervals = [i for experiment in experiments for i in find_intervals(experiment)
-                 if not any(_within(i, s, experiments[s.recording]) for s in off)]
+                 if not any(_overlaps_coast_down(i, s, experiments[s.recording]) for s in coast_downs)]
     if not intervals:
         raise NotEnoughData(
             "intervals of constant speed and torque", f"none in {', '.join(e.name for e in experiments)}",
             "Record with the speed controller on, and hold each of several speeds until the torque settles. Where "
             "a drive accelerates at constant torque, and coasts, take --method acceleration; where it "
             "runs down without torque, --method coast-down.")
-    tasks = _tasks(intervals, drive, options)
+    tasks = _line_tasks(intervals, drive, options)
     results = []
     for task in tasks:
         points = make_points(intervals, task.torque, task.speed)
@@ -77,50 +77,50 @@ def steady(experiments: Sequence[Experiment], drive: Drive, options: Options) ->
             raise NotEnoughData("intervals at a speed other than zero", "only standstill",
                                 "Sticking friction hides the rest at standstill; run at several speeds.")
         results.append((task, points, fit_line(points, task.held, task.start, task.carried, task.what)))
-    return _estimate(experiments, drive, options, intervals, results)
+    return _steady_estimate(experiments, drive, options, intervals, results)
 
 
-def _check_asked(drive: Drive, options: Options) -> None:
-    """Refuse what no method of this step takes, and what only a coast-down does where none was asked for."""
+def _check_options(drive: Drive, options: Options) -> None:
+    """Refuse options of no method of this step, and those of a coast-down where it was not requested."""
     start = options.start
     if start.rest or start.states or start.records or any(drive.value(f"{b}.clamped") for b in drive.bodies):
         raise BadOption("no start state and no clamp in steady", "one of them",
                         "Leave it out: the start of every stretch is fitted.")
-    for option, asked in (("--flux-decay", options.flux_decay is not None), ("--stages", bool(options.stages))):
-        if asked and options.method != "coast-down":
+    for option, requested in (("--flux-decay", options.flux_decay is not None), ("--stages", bool(options.stages))):
+        if requested and options.method != "coast-down":
             raise BadOption(f"--method coast-down with {option}", f"--method {options.method}",
                             "Say so, or leave it out.")
 
 
-def _within(interval: Interval, stretch: Stretch, experiment: Experiment) -> bool:
-    """Whether an interval is part of a run-down: counts may be as many per sample for a while."""
+def _overlaps_coast_down(interval: SteadyInterval, stretch: Stretch, experiment: Experiment) -> bool:
+    """Whether an interval is part of a coast-down: a quantised speed may be constant for a while."""
     begin, end = (experiment.offset + k * experiment.step for k in (stretch.first, stretch.last))
     return interval.file == experiment.name and interval.start < end and interval.end > begin
 
 
 def _coast_down(experiments: Sequence[Experiment], drive: Drive, options: Options) -> Estimate:
-    """The estimate of a coast-down; that it was one, where nobody said so."""
+    """The estimate of a coast-down, with a finding where it was not requested."""
     from drivetool.identify.coast_down import coast_down
 
     found = coast_down(experiments, drive, options)
     if options.method == "coast-down":
         return found
     return replace(found, findings=(Finding(
-        "note", "coast-down-found", "This is a coast-down: no torque is logged but zeros, and the drive runs "
+        "note", "coast-down-assumed", "This is a coast-down: no torque is logged but zeros, and the drive runs "
         "down.", {}, "Say --method coast-down, or record constant speeds under torque."),
         *found.findings))
 
 
-def _driven(experiment: Experiment) -> bool:
+def _has_torque(experiment: Experiment) -> bool:
     """Whether a torque was logged that is not zero throughout."""
     return bool(np.nanmax(np.abs(experiment.signals.get("motor_torque", np.zeros(1))), initial=0.0) > 0.0)
 
 
-def _tasks(intervals: Sequence[Interval], drive: Drive, options: Options) -> list[Task]:
+def _line_tasks(intervals: Sequence[SteadyInterval], drive: Drive, options: Options) -> list[LineTask]:
     """The lines to fit, from what was measured and what is held."""
     split = len(drive.bodies) == 2 and all("shaft_torque" in i.signals for i in intervals)
     if not split:
-        return [_task("motor_torque", "motor_speed", None, drive, options)]
+        return [_line_task("motor_torque", "motor_speed", None, drive, options)]
     # At a steady speed the shaft turns with the motor, so the motor's speed will do for the load.
     ratio = drive.value(f"{drive.shafts[0]}.ratio")
     load = "load_speed" if all("load_speed" in i.signals for i in intervals) else "motor_speed"
@@ -128,63 +128,65 @@ def _tasks(intervals: Sequence[Interval], drive: Drive, options: Options) -> lis
         raise BadOption("a direct shaft to use its torque", f"a ratio of {ratio:g}",
                         "Leave shaft_torque out of the channel map, or refer it to the motor and drop "
                         "the ratio.")
-    return [_task("difference", "motor_speed", drive.bodies[0], drive, options),
-            _task("shaft_torque", load, drive.bodies[1], drive, options)]
+    return [_line_task("difference", "motor_speed", drive.bodies[0], drive, options),
+            _line_task("shaft_torque", load, drive.bodies[1], drive, options)]
 
 
-def _task(torque: str, speed: str, body: str | None, drive: Drive, options: Options) -> Task:
+def _line_task(torque: str, speed: str, body: str | None, drive: Drive, options: Options) -> LineTask:
     """Names, held and start values of one line; body None: of all bodies together."""
     names, held, start, carried = {}, {}, {}, {}
     bodies = drive.bodies if body is None else (body,)
-    for key in KEYS:
+    for key in LINE_KEYS:
         total = f"total.{key}"
         parts = [f"{b}.{key}" for b in bodies]
-        loose = [part for part in parts if part not in options.hold]
+        free_parts = [part for part in parts if part not in options.hold]
         known = any(part in drive.values for part in parts)
         value = drive.values.get(total) if body is None and total in drive.values else \
-            drive.felt(key, bodies) if known else None
-        if (body is None and total in options.hold) or not loose:
+            drive.referred_to_motor(key, bodies) if known else None
+        if (body is None and total in options.hold) or not free_parts:
             names[key], held[key] = None, value or 0.0
             continue
-        carried[key] = drive.felt(key, [b for b in bodies if f"{b}.{key}" in options.hold])
-        if key == "coulomb" or len(loose) == 1:
-            names[key] = loose[0]
-            owner = loose[0].rpartition(".")[0]
-            if drive.turns()[drive.bodies.index(owner)] != 1.0:
-                raise BadOption(f"the {drive.bodies[0]}'s own part free behind a gear", f"only {loose[0]} free",
-                                f"The line is felt at the motor; hold total.{key}, or none of its parts.")
-        elif len(loose) == len(parts):
+        carried[key] = drive.referred_to_motor(key, [b for b in bodies if f"{b}.{key}" in options.hold])
+        if key == "coulomb" or len(free_parts) == 1:
+            names[key] = free_parts[0]
+            owner = free_parts[0].rpartition(".")[0]
+            if drive.gear_ratios()[drive.bodies.index(owner)] != 1.0:
+                raise BadOption(f"the {drive.bodies[0]}'s own part free behind a gear",
+                                f"only {free_parts[0]} free",
+                                f"The line is referred to the motor; hold total.{key}, or none of its parts.")
+        elif len(free_parts) == len(parts):
             names[key] = total
         else:
             raise BadOption(f"{key.replace('_', ' ')} held for all bodies but one, or for none",
-                            f"free for {', '.join(loose)}",
-                            "At a steady speed only the sum shows; hold more of them, or none.")
+                            f"free for {', '.join(free_parts)}",
+                            "At a steady speed only the sum is identifiable; hold more of them, or none.")
         if value is not None:
             start[key] = value - carried[key]
-    return Task(torque, speed, body, names, held, start, carried)
+    return LineTask(torque, speed, body, names, held, start, carried)
 
 
-def _estimate(experiments: Sequence[Experiment], drive: Drive, options: Options,
-              intervals: Sequence[Interval], results: Sequence[tuple[Task, Points, Line]]) -> Estimate:
+def _steady_estimate(experiments: Sequence[Experiment], drive: Drive, options: Options,
+                     intervals: Sequence[SteadyInterval],
+                     results: Sequence[tuple[LineTask, SteadyPoints, FrictionLine]]) -> Estimate:
     """Parameters, findings, pictures and the drive with its new values."""
     parameters: list[Parameter] = []
     findings: list[Finding] = []
     for task, points, line in results:
-        parameters += [parameter(name, key, task, points, line, drive)
+        parameters += [line_parameter(name, key, task, points, line, drive)
                        for key, name in task.names.items() if name is not None]
         findings += line_findings(task, points, line, drive, len(intervals))
     values = {p.name: p.value for p in parameters}
     task, points, _ = results[0]
     if task.body is None and task.names["coulomb"] is not None:
-        # One body stands for all; what the others had would count twice.
+        # One body stands for all; the values of the others would count twice.
         values |= {name: 0.0 for name in (f"{body}.coulomb" for body in drive.bodies)
                    if drive.values.get(name) and name not in (task.names["coulomb"], *options.hold)}
-        findings += body_findings(task, drive)
-    findings += _of_magnitudes(experiments)
+        findings += coulomb_body_findings(task, drive)
+    findings += _magnitude_findings(experiments)
     parameters += [
         Parameter(name, drive.value(name), drive.unit(name), drive.values.get(name), status="held",
                   reason="held by --hold")
-        for name in drive.quantities if name in options.hold and name.rpartition(".")[2] in KEYS]
+        for name in drive.quantities if name in options.hold and name.rpartition(".")[2] in LINE_KEYS]
     order = list(drive.quantities)
     rmse = float(np.sqrt(np.mean([line.rmse**2 for *_, line in results])))
     levels = len(set(points.levels))
@@ -199,29 +201,29 @@ def _estimate(experiments: Sequence[Experiment], drive: Drive, options: Options,
              "intervals": len(points.speed), "levels": levels,
              "chi2": sum(line.chi2 for *_, line in results),
              "chi2_dof": sum(line.dof for *_, line in results)},
-        covariance=_covariance(results),
+        covariance=_joint_covariance(results),
         details={"points": [p for task, points, _ in results for p in point_list(task, points)]},
-        findings=tuple(findings), data=sources(experiments),
-        exhibits=exhibits(experiments, results, drive))
+        findings=tuple(findings), data=recording_sources(experiments),
+        exhibits=steady_plots(experiments, results, drive))
 
 
-def _of_magnitudes(experiments: Sequence[Experiment]) -> list[Finding]:
-    """What a torque without its sign means for friction and load."""
+def _magnitude_findings(experiments: Sequence[Experiment]) -> list[Finding]:
+    """The finding on a torque without its sign: friction and load may be exchanged."""
     names = [e.name for e in experiments if e.magnitudes]
     if not names:
         return []
     return [Finding(
-        "warning", "torque-is-magnitude",
+        "warning", "torque-unsigned",
         f"The torque of {', '.join(names)} is a magnitude; it was given the sign of the motion. Where the load is "
         "larger than the friction and drives, the two change places.", {"recordings": len(names)},
         "Log the torque with its sign if a load acts.")]
 
 
-def _covariance(results: Sequence[tuple[Task, Points, Line]]) -> Covariance | None:
+def _joint_covariance(results: Sequence[tuple[LineTask, SteadyPoints, FrictionLine]]) -> Covariance | None:
     """Covariance of everything that was fitted; two lines share the noise of the shaft torque."""
     names = [task.names[key] for task, _, line in results for key in line.free]
-    sure = np.array([key not in line.conditional for *_, line in results for key in line.free], dtype=bool)
-    if not np.any(sure):
+    identified = np.array([key not in line.conditional for *_, line in results for key in line.free], dtype=bool)
+    if not np.any(identified):
         return None
     matrix = results[0][2].covariance
     if len(results) == 2:
@@ -229,17 +231,17 @@ def _covariance(results: Sequence[tuple[Task, Points, Line]]) -> Covariance | No
         shared = a.inflation * b.inflation * _shared_variance(points_a, points_b)
         cross = (a.weights * shared) @ b.weights.T
         matrix = np.block([[a.covariance, cross], [cross.T, b.covariance]])
-    kept = tuple(name for name, known in zip(names, sure, strict=True) if known)
-    return Covariance(kept, matrix[np.ix_(sure, sure)])
+    kept = tuple(name for name, known in zip(names, identified, strict=True) if known)
+    return Covariance(kept, matrix[np.ix_(identified, identified)])
 
 
-def _shared_variance(a: Points, b: Points) -> np.ndarray:
+def _shared_variance(a: SteadyPoints, b: SteadyPoints) -> np.ndarray:
     """(k,) covariance of the means of motor less shaft torque, and shaft torque, of the same intervals."""
     first = [i.signals["difference"] for i in a.intervals]
     second = [i.signals["shaft_torque"] for i in b.intervals]
     steps = [i.step for i in a.intervals]
-    together = mean_variances([x + y for x, y in zip(first, second, strict=True)], steps)[0]
-    apart = mean_variances([x - y for x, y in zip(first, second, strict=True)], steps)[0]
-    # Estimated apart from the variances, it could come out larger than they allow.
+    sum_variance = mean_variances([x + y for x, y in zip(first, second, strict=True)], steps)[0]
+    difference_variance = mean_variances([x - y for x, y in zip(first, second, strict=True)], steps)[0]
+    # It is estimated separately from the variances, and could come out larger than they allow.
     bound = 0.99 * np.sqrt(a.variance * b.variance)
-    return np.clip((together - apart) / 4, -bound, bound)
+    return np.clip((sum_variance - difference_variance) / 4, -bound, bound)

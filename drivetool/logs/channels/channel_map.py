@@ -32,7 +32,18 @@ from typing import Annotated, Literal
 import msgspec
 
 from drivetool.errors import BadOption, BadRecording, nearest
-from drivetool.logs import COUNTS, MOTORS, NAMES, RELATIVE, ROLES, Unit, ordered, parse_unit, quantity, role_of
+from drivetool.logs import (
+    COUNTS,
+    MOTOR_TORQUES,
+    RELATIVE,
+    ROLE_NAME_PATTERN,
+    ROLES,
+    Unit,
+    ordered_roles,
+    parse_unit,
+    quantity,
+    role_of,
+)
 from drivetool.logs.conditioning import parse_step
 
 SCHEMA = "drivetool/channel-map/1"
@@ -94,8 +105,8 @@ class RoleEntry(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
         return TimeEntry(self.time) if isinstance(self.time, str) else self.time
 
 
-MAGNITUDE = "motor_torque"  # the one role that may be logged without its sign
-RoleName = Annotated[str, msgspec.Meta(pattern=NAMES)]
+UNSIGNED_ROLE = "motor_torque"  # the one role that may be logged without its sign
+RoleName = Annotated[str, msgspec.Meta(pattern=ROLE_NAME_PATTERN)]
 
 
 class ChannelMapFile(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
@@ -141,7 +152,7 @@ class ChannelMap:
             raise BadOption(f"a valid {name}", str(problem).replace("`$", "`map"),
                             f"Correct it; its form is {SCHEMA}.") from None
         given = {role: RoleEntry(entry) if isinstance(entry, str) else entry for role, entry in file.roles.items()}
-        roles = {role: given[role] for role in ordered(given)}
+        roles = {role: given[role] for role in ordered_roles(given)}
         if not roles:
             raise BadOption(f"at least one role in {name}", "none",
                             "Give each role its channel.", ROLES)
@@ -161,7 +172,7 @@ class ChannelMap:
 
 def _check_keys(content: object, name: str) -> None:
     """Refuse keys that are not in the form; msgspec would, but cannot suggest the nearest."""
-    def level(value, where, known):
+    def check_level(value, where, known):
         if not isinstance(value, Mapping):
             raise BadOption(f"keys with values in {where}", f"{type(value).__name__} {value!r:.40}",
                             f"Its keys are: {', '.join(known)}.")
@@ -172,21 +183,21 @@ def _check_keys(content: object, name: str) -> None:
     def fields(struct):
         return struct.__struct_fields__
 
-    level(content, name, fields(ChannelMapFile))
+    check_level(content, name, fields(ChannelMapFile))
     if content.get("schema") != SCHEMA:
         raise BadOption(f"schema: {SCHEMA} in {name}", f"schema {content.get('schema')!r}",
                         f"Write `schema: {SCHEMA}` as its first line.")
     further = [key for key in content.get("roles") or () if isinstance(key, str) and role_of(key)]
-    level(content.get("roles"), f"roles of {name}", tuple(dict.fromkeys([*ROLES, *further])))
+    check_level(content.get("roles"), f"roles of {name}", tuple(dict.fromkeys([*ROLES, *further])))
     for role, entry in content["roles"].items():
         if not isinstance(entry, str):
-            level(entry, f"{role} of {name}", fields(RoleEntry))
+            check_level(entry, f"{role} of {name}", fields(RoleEntry))
             if not isinstance(entry.get("time"), str | None):
-                level(entry["time"], f"time of {role}", fields(TimeEntry))
+                check_level(entry["time"], f"time of {role}", fields(TimeEntry))
             if entry.get("rated") is not None:
-                level(entry["rated"], f"rated of {role}", fields(Rated))
+                check_level(entry["rated"], f"rated of {role}", fields(Rated))
     if not isinstance(content.get("time"), str | None):
-        level(content["time"], f"time of {name}", fields(TimeEntry))
+        check_level(content["time"], f"time of {name}", fields(TimeEntry))
 
 
 def _check_entry(role: str, entry: RoleEntry, name: str) -> None:
@@ -200,8 +211,8 @@ def _check_entry(role: str, entry: RoleEntry, name: str) -> None:
         if rated.dimension in (RELATIVE, COUNTS):
             raise BadOption(f"a unit of {quantity(role)} for rated of {role}", f"'{entry.rated.unit}'",
                             "Say what 100 % is, for example {value: 200, unit: Nm}.")
-    if entry.unsigned and role != MAGNITUDE:
-        raise BadOption(f"unsigned for {MAGNITUDE} only", role, f"Leave it out in {name}.")
+    if entry.unsigned and role != UNSIGNED_ROLE:
+        raise BadOption(f"unsigned for {UNSIGNED_ROLE} only", role, f"Leave it out in {name}.")
     for key, value in numbers.items():
         if not math.isfinite(value) or (value == 0 and key not in ("offset", "shift", "absent")):
             raise BadOption(f"a finite {key} other than zero for {role}", f"{value:g}",
@@ -213,10 +224,10 @@ def _check_entry(role: str, entry: RoleEntry, name: str) -> None:
 
 def require_scale(role: str, unit: Unit, entry: RoleEntry, error=BadRecording) -> None:
     """Refuse a share of an unknown rated value, counts of an unknown encoder, and volts of what is no motor."""
-    if unit.si == "V" and role not in MOTORS and quantity(role) != "voltage":
+    if unit.si == "V" and role not in MOTOR_TORQUES and quantity(role) != "voltage":
         raise error(f"{role} in Nm or N", f"'{unit.text}'",
                     "Write what a volt stands for, for example `scale: 50, unit: Nm`.")
-    if unit.dimension == RELATIVE and entry.rated is None and role not in MOTORS:
+    if unit.dimension == RELATIVE and entry.rated is None and role not in MOTOR_TORQUES:
         raise error(f"the rated value of {role}, which is given in {unit.text}", "none",
                     "Add to its role, for example `rated: {value: 200, unit: Nm}`.")
     if unit.dimension == COUNTS and entry.per_rev is None:
@@ -227,7 +238,7 @@ def require_scale(role: str, unit: Unit, entry: RoleEntry, error=BadRecording) -
                     "Write `unit: counts`, or leave per_rev out.")
 
 
-def resolve(name: str, available: Iterable[str]) -> str | None:
+def resolve_channel(name: str, available: Iterable[str]) -> str | None:
     """The one channel that `name` means: itself, or the only `/topic.name`; None if there is none."""
     available = list(available)
     if name in available:
@@ -251,7 +262,7 @@ def choose_channels(available: Sequence[str], channel_map: ChannelMap | None, lo
     raises       BadRecording: a mapped channel is missing, a name is ambiguous, or no role is found
     """
     if channel_map is None:
-        found = {role: resolve(role, available) for role in (*ROLES, *further)}
+        found = {role: resolve_channel(role, available) for role in (*ROLES, *further)}
         chosen = {role: name for role, name in found.items() if name is not None}
         if not chosen:
             raise BadRecording("channels named like the roles (motor_torque, motor_speed, ...)",
@@ -260,15 +271,15 @@ def choose_channels(available: Sequence[str], channel_map: ChannelMap | None, lo
         return chosen
     chosen = {}
     for role, entry in channel_map.roles.items():
-        name = resolve(entry.channel, available)
+        name = resolve_channel(entry.channel, available)
         if name is None:
             raise BadRecording(f"channel '{entry.channel}' for {role}", f"no such channel in {log}",
-                               _meant(entry.channel, available), available)
+                               _suggest_channel(entry.channel, available), available)
         chosen[role] = name
     return chosen
 
 
-def _meant(name: str, available: Iterable[str]) -> str:
+def _suggest_channel(name: str, available: Iterable[str]) -> str:
     """The sentence that suggests a channel by its full name or by its field; all of them are listed already."""
     by_field = {channel.partition(".")[2] or channel: channel for channel in available}
     close = difflib.get_close_matches(name, [*available, *by_field], n=1, cutoff=0.6)

@@ -1,4 +1,4 @@
-"""From what a channel's numbers say to SI, role by role."""
+"""Converts the numbers of channels to SI, role by role."""
 
 from __future__ import annotations
 
@@ -10,23 +10,23 @@ import numpy as np
 from drivetool.errors import BadRecording, Finding
 from drivetool.logs import (
     COUNTS,
-    MOTORS,
+    MOTOR_TORQUES,
     PERCENT,
     RELATIVE,
     Channel,
     Recording,
     Signal,
     is_motion,
-    ordered,
+    ordered_roles,
     parse_unit,
     quantity,
 )
 from drivetool.logs.channels.channel_map import ChannelMap, RoleEntry, choose_channels, require_scale
 from drivetool.logs.samples import looks_unsigned, looks_wrapped, unwrap
-from drivetool.quantity import ELECTRIC
+from drivetool.quantity import ELECTRIC_UNITS
 
-# What no drive reaches, in any unit, and whose square is still a number.
-BEYOND = 1e100
+# No drive reaches this value in any unit; its square does not overflow.
+MAX_ABS_VALUE = 1e100
 
 
 def to_signals(recording: Recording, chosen: Mapping[str, str],
@@ -39,32 +39,32 @@ def to_signals(recording: Recording, chosen: Mapping[str, str],
     """
     signals: dict[str, Signal] = {}
     findings: list[Finding] = []
-    seen: list[tuple[Channel, np.ndarray, np.ndarray]] = []
-    for role in ordered(chosen):
+    stamps_by_mask: list[tuple[Channel, np.ndarray, np.ndarray]] = []
+    for role in ordered_roles(chosen):
         channel = recording.channels[chosen[role]]
         entry = channel_map.roles[role] if channel_map else RoleEntry(chosen[role])
-        values, si, more = _convert(channel, entry, role, recording.name)
+        values, si, more = _convert_channel(channel, entry, role, recording.name)
         findings += more
-        known = np.abs(values) < BEYOND
+        known = np.abs(values) < MAX_ABS_VALUE
         if not known.any():
             raise BadRecording(f"values of {role} in {recording.name}", f"none in channel '{chosen[role]}'",
                                "Choose another channel, or leave the role out.")
-        time, without, broken = channel.time, np.zeros(0), 0
+        time, empty_stamps, invalid_count = channel.time, np.zeros(0), 0
         if not known.all():
-            broken = int(np.sum(~known & ~np.isnan(values)))
-            time, without, values = _of(channel, known, seen), time[~known], values[known]
+            invalid_count = int(np.sum(~known & ~np.isnan(values)))
+            time, empty_stamps, values = _known_stamps(channel, known, stamps_by_mask), time[~known], values[known]
         if entry.shift:
-            time, without = time + entry.shift, without + entry.shift
+            time, empty_stamps = time + entry.shift, empty_stamps + entry.shift
             findings.append(Finding(
-                "note", "clock-shifted", f"{entry.shift:g} s were added to the time stamps of {role}, as the "
+                "note", "clock-corrected", f"{entry.shift:g} s were added to the time stamps of {role}, as the "
                 "channel map says.", {"role": role, "shift": entry.shift}))
-        signals[role] = Signal(time, values, si, without, broken)
+        signals[role] = Signal(time, values, si, empty_stamps, invalid_count)
     if channel_map:
-        _require_near(signals, channel_map, recording.name)
+        _require_plausible_shift(signals, channel_map, recording.name)
     return signals, findings
 
 
-def _require_near(signals: Mapping[str, Signal], channel_map: ChannelMap, log: str) -> None:
+def _require_plausible_shift(signals: Mapping[str, Signal], channel_map: ChannelMap, log: str) -> None:
     """No `shift` takes a signal away from all others that it was logged with: one in milliseconds does."""
     spans = {role: (float(np.nanmin(s.time)), float(np.nanmax(s.time))) for role, s in signals.items()
              if np.isfinite(s.time).any()}
@@ -78,17 +78,18 @@ def _require_near(signals: Mapping[str, Signal], channel_map: ChannelMap, log: s
                                "Correct `shift`, in seconds, in the channel map.")
 
 
-def _of(channel: Channel, known: np.ndarray, seen: list[tuple[Channel, np.ndarray, np.ndarray]]) -> np.ndarray:
+def _known_stamps(channel: Channel, known: np.ndarray,
+                  stamps_by_mask: list[tuple[Channel, np.ndarray, np.ndarray]]) -> np.ndarray:
     """The known stamps of a channel; one array for all channels of a clock that lack the same ones."""
-    for other, mask, time in seen:
+    for other, mask, time in stamps_by_mask:
         if other.time is channel.time and np.array_equal(mask, known):
             return time
-    seen.append((channel, known, channel.time[known]))
-    return seen[-1][2]
+    stamps_by_mask.append((channel, known, channel.time[known]))
+    return stamps_by_mask[-1][2]
 
 
-def _convert(channel: Channel, entry: RoleEntry, role: str,
-             log: str) -> tuple[np.ndarray, str, list[Finding]]:
+def _convert_channel(channel: Channel, entry: RoleEntry, role: str,
+                     log: str) -> tuple[np.ndarray, str, list[Finding]]:
     """((n,) values in SI, SI unit, findings); values that are SI already are passed on untouched."""
     where = f"{role} (channel '{entry.channel}') in {log}"
     unit = parse_unit(entry.unit or channel.unit, quantity(role), where)
@@ -119,7 +120,7 @@ def _convert(channel: Channel, entry: RoleEntry, role: str,
 
 
 @dataclass(frozen=True)
-class Units:
+class RecordUnits:
     """Of a record: of its torques and motions, and roles whose torque is in another one; what is odd about them."""
 
     torque: str
@@ -128,16 +129,16 @@ class Units:
     findings: tuple[Finding, ...]
 
 
-def shared_units(signals: Mapping[str, Signal], log: str) -> Units:
+def shared_units(signals: Mapping[str, Signal], log: str) -> RecordUnits:
     """The units of the record.
 
     The chain has one torque unit and one motion unit; only a table behind a ratio may move in
     another one than the motors, and the motors may be fed with A, V or % beside other torques in Nm or N.
     """
     torques = {role: s.si for role, s in signals.items() if quantity(role) == "torque"}
-    inputs = {role: si for role, si in torques.items() if role in MOTORS and si in ELECTRIC}
+    inputs = {role: si for role, si in torques.items() if role in MOTOR_TORQUES and si in ELECTRIC_UNITS}
     others = {role: si for role, si in torques.items() if role not in inputs}
-    if others and not set(others.values()) & set(ELECTRIC) and len(set(inputs.values())) == 1:
+    if others and not set(others.values()) & set(ELECTRIC_UNITS) and len(set(inputs.values())) == 1:
         torques = others
     else:
         inputs = {}
@@ -157,10 +158,10 @@ def shared_units(signals: Mapping[str, Signal], log: str) -> Units:
     findings = []
     if (torque, motion) in (("N", "rad"), ("Nm", "m")):
         findings.append(Finding(
-            "warning", "unusual-units", f"The torque is in {torque} but the motion in {motion}; inertias "
+            "warning", "units-mixed", f"The torque is in {torque} but the motion in {motion}; inertias "
             f"come out in {torque} s^2/{motion}.", {"torque_unit": torque, "motion_unit": motion},
             "Check the units of the two channels."))
-    return Units(torque, motion, inputs, tuple(findings))
+    return RecordUnits(torque, motion, inputs, tuple(findings))
 
 
 def in_si(recording: Recording, channel_map: ChannelMap | None) -> Recording:

@@ -1,10 +1,10 @@
 """Paths to a number inside a message: `actual.torque`, `effort[0]`, `effort[name=motor]`.
 
-A message is a tree of mappings, lists and leaves, whatever its encoding: JSON gives its values as
-leaves, a binary message where they lie.
+A message is a tree of mappings, lists and leaves in any encoding: the leaves of JSON are its values, those of a
+binary message are their byte positions.
 
     effort[0]                  element of a list
-    effort[name=motor]         the element at the place where the list `name` beside it says motor
+    effort[name=motor]         the element at the index at which the sibling list `name` contains motor
     joints[name=motor].torque  of a list of mappings, the one whose `name` is motor
 """
 
@@ -15,27 +15,27 @@ from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from typing import Any
 
-# More elements are a picture or a spectrum; they can be named, but are not listed.
-LISTED = 32
+# A choice: longer lists are an image or a spectrum. They can be addressed, but are not listed.
+MAX_LISTED_ELEMENTS = 32
 _WORD = re.compile(r"([^.\[\]]+)((?:\[[^\]]*\])*)(?:\.|$)")
 _BRACKET = re.compile(r"\[([^\]]*)\]")
 
 
 @dataclass(frozen=True)
-class Where:
+class Selector:
     """A selector: the element whose `key` is `value`."""
 
     key: str
     value: str
 
 
-Step = str | int | Where
-Path = tuple[Step, ...]
+PathStep = str | int | Selector
+Path = tuple[PathStep, ...]
 
 
 def parse(text: str) -> Path | None:
     """The path behind a text; None if it is none."""
-    steps: list[Step] = []
+    steps: list[PathStep] = []
     at = 0
     while at < len(text):
         word = _WORD.match(text, at)
@@ -45,7 +45,7 @@ def parse(text: str) -> Path | None:
         for inner in _BRACKET.findall(word[2]):
             key, equals, value = inner.partition("=")
             if equals:
-                steps.append(Where(key.strip(), value.strip().strip("'\"")))
+                steps.append(Selector(key.strip(), value.strip().strip("'\"")))
             elif inner.strip().isdigit():
                 steps.append(int(inner))
             else:
@@ -67,33 +67,33 @@ def text_of(path: Path) -> str:
     return text
 
 
-def find(tree: Any, path: Path, seen: list | None = None) -> Any:
+def find(tree: Any, path: Path, compared: list | None = None) -> Any:
     """What lies at a path; None if there is nothing.
 
     seen  collects the texts that a selector compared: the answer holds as long as they stay
     """
-    node, beside = tree, None
+    node, siblings = tree, None
     for step in path:
         if isinstance(step, str):
-            beside, node = node, node.get(step) if isinstance(node, Mapping) else None
+            siblings, node = node, node.get(step) if isinstance(node, Mapping) else None
         elif not _is_list(node):
             return None
         else:
-            index = step if isinstance(step, int) else _place(node, beside, step, seen)
+            index = step if isinstance(step, int) else _selected_index(node, siblings, step, compared)
             node = node[index] if index is not None and index < len(node) else None
         if node is None:
             return None
     return node
 
 
-def _place(node: Any, beside: Any, where: Where, seen: list | None) -> int | None:
+def _selected_index(node: Any, siblings: Any, where: Selector, compared: list | None) -> int | None:
     """Index of the element that a selector means."""
-    names = beside.get(where.key) if isinstance(beside, Mapping) else None
+    names = siblings.get(where.key) if isinstance(siblings, Mapping) else None
     if not _is_list(names):
         names = [each.get(where.key) if isinstance(each, Mapping) else None for each in node]
     for index, name in enumerate(names):
-        if seen is not None:
-            seen.append(name)
+        if compared is not None:
+            compared.append(name)
         if name == where.value:
             return index
     return None
@@ -111,23 +111,23 @@ def paths(tree: Any, is_number, path: Path = ()) -> Iterator[Path]:
     if isinstance(tree, Mapping):
         for key, inner in tree.items():
             if _is_list(inner) and not isinstance(inner, Mapping):
-                yield from _elements(tree, str(key), inner, is_number, path)
+                yield from _element_paths(tree, str(key), inner, is_number, path)
             else:
                 yield from paths(inner, is_number, (*path, str(key)))
     elif path and is_number(tree):
         yield path
 
 
-def _elements(beside: Mapping, key: str, items: Any, is_number, path: Path) -> Iterator[Path]:
-    """Paths below a list: by name where names stand beside it or in its elements, else by place."""
-    if len(items) > LISTED:
+def _element_paths(siblings: Mapping, key: str, items: Any, is_number, path: Path) -> Iterator[Path]:
+    """Paths below a list: by name where a sibling list or its elements give names, else by index."""
+    if len(items) > MAX_LISTED_ELEMENTS:
         return
-    names = beside.get("name")
+    names = siblings.get("name")
     if not (_is_list(names) and len(names) == len(items)):
         names = [each.get("name") if isinstance(each, Mapping) else None for each in items]
     by_name = all(isinstance(n, str) and n and "]" not in n for n in names) and len(set(names)) == len(items)
     for index, item in enumerate(items):
-        step = Where("name", str(names[index])) if by_name else index
+        step = Selector("name", str(names[index])) if by_name else index
         if isinstance(item, Mapping):
             yield from paths(item, is_number, (*path, key, step))
         elif is_number(item):

@@ -1,4 +1,4 @@
-"""What every reader of a log format is: the protocol by which the door calls it."""
+"""The protocol of a log-format reader, as drivetool.logs.door calls it."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ class Reader(Protocol):
         """A log as it was.
 
         choose       called with the names of all channels; returns those to read
-        channel_map  names the clocks, and channels that only a map knows how to name
+        channel_map  names the clocks, and channels that are not listed by themselves
         lenient      leave out what cannot be read instead of refusing the log
         returns      Recording without a digest
         raises       BadRecording: unreadable, nothing in it, no such channels

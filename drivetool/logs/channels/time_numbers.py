@@ -1,4 +1,4 @@
-"""What the numbers of a time channel may mean: counters that start again, seconds that nobody has called so."""
+"""Interprets the numbers of a time channel: counters that wrap, and seconds without a stated unit."""
 
 from __future__ import annotations
 
@@ -11,11 +11,11 @@ from drivetool.logs.channels.channel_map import TimeEntry
 
 # Numbers without a unit are taken for seconds below this step. Records of drives have 5 samples a second and more;
 # in milliseconds, 5 kHz and all that is slower come in larger steps.
-SLOWEST = 0.19
+MAX_SAMPLE_INTERVAL = 0.19
 
 
-def uncounted(counts: np.ndarray, entry: TimeEntry | None) -> np.ndarray:
-    """Stamps (n,) without the starts of a counter, if the map says where it starts again.
+def unwrap_counter(counts: np.ndarray, entry: TimeEntry | None) -> np.ndarray:
+    """Stamps (n,) without the wraps of the counter, if the map gives its range.
 
     counts  (n,) as logged, whole numbers or floats, NaN where missing
     """
@@ -28,8 +28,9 @@ def uncounted(counts: np.ndarray, entry: TimeEntry | None) -> np.ndarray:
     return found
 
 
-def require_fine(counts: np.ndarray, to_si: Callable[[np.ndarray], np.ndarray], channel: str, log: str) -> None:
-    """Refuse numbers (n,) of single precision that count from so long ago that samples share them.
+def require_time_resolution(counts: np.ndarray, to_si: Callable[[np.ndarray], np.ndarray], channel: str,
+                            log: str) -> None:
+    """Refuse numbers (n,) of single precision whose origin is so far back that samples share them.
 
     to_si   of a number, in seconds
     raises  BadRecording: their steps are longer than those of any drive, as for seconds since 1970
@@ -37,9 +38,9 @@ def require_fine(counts: np.ndarray, to_si: Callable[[np.ndarray], np.ndarray], 
     known = np.abs(counts[np.isfinite(counts)])
     largest = float(known.max()) if len(known) else 0.0
     step = float(to_si(np.asarray(np.spacing(np.float32(largest)), dtype=float)))
-    if np.isfinite(step) and step > SLOWEST:
+    if np.isfinite(step) and step > MAX_SAMPLE_INTERVAL:
         raise BadRecording(
-            f"time stamps that tell the samples of {log} apart",
+            f"time stamps that distinguish the samples of {log}",
             f"numbers of single precision in '{channel}', which resolve {largest:.6g} to {step:.4g} s",
             "Export the time in double precision or as whole numbers, or count it from the start of the record.")
 
@@ -50,7 +51,7 @@ def as_seconds(time: np.ndarray, channel: str, log: str) -> np.ndarray:
     raises  BadRecording: they would be those of a record too slow for any drive, and may be milliseconds
     """
     steps = np.diff(np.unique(time[np.isfinite(time)]))
-    if len(steps) and np.median(steps) > SLOWEST:
+    if len(steps) and np.median(steps) > MAX_SAMPLE_INTERVAL:
         raise BadRecording(f"the unit of the time channel '{channel}' of {log}",
                            f"none, and steps of {np.median(steps):.4g}, too long for seconds of a drive",
                            f"Write `time: {{channel: '{channel}', unit: ms}}` in the channel map, or what it is.")

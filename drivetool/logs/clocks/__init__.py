@@ -1,7 +1,7 @@
 """Time stamps and signals on their own clocks come in.
 
 Stamps in order, the rate of each stretch, and signals on one uniform grid go out. What was lost, late or resampled
-is told in findings.
+is reported in findings.
 """
 
 import lazy_loader

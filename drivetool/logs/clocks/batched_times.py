@@ -6,18 +6,18 @@ import numpy as np
 
 from drivetool.errors import BadRecording
 
-# Steps shorter than this share of the mean one are those inside a batch: of a clock with jitter few are, of one at
-# random (exponential steps) a fifth. From two messages a batch on, half of all are.
-SHORT, MANY = 0.25, 0.4
-# Batches fill less than this share of the time, or the record is a clock with pauses.
-FILLED = 0.5
-# The last message of a batch has waited least: its receipt is near the line of a uniform clock over the number of
-# messages, by less than this share of a batch. Behind pauses of any length it is off by pauses.
-NEAR = 0.2
-LEAST = 10  # batches
+# Steps shorter than MAX_INNER_STEP of the mean step lie inside a batch. A clock with jitter has few of them, one at
+# random (exponential steps) a fifth (1 - exp(-0.25) = 0.22), and batches of two messages or more have half.
+MAX_INNER_STEP, MIN_INNER_SHARE = 0.25, 0.4
+# A choice: steps inside batches sum to less than this share of the time, or the record is a clock with pauses.
+MAX_FILLED_SHARE = 0.5
+# The last message of a batch has waited least. The rms distance of its receipt from a uniform clock over the number
+# of messages is below this share of the batch period. With pauses of any length it is off by those pauses.
+MAX_BATCH_DEVIATION = 0.2
+MIN_BATCHES = 10  # batches. A choice: fewer give no reliable rms distance from the line.
 
 
-def batches(time: np.ndarray) -> tuple[float, float] | None:
+def find_batches(time: np.ndarray) -> tuple[float, float] | None:
     """(samples a batch, seconds from batch to batch), medians, if stamps come in batches of a uniform clock.
 
     time  (n,) seconds, not decreasing
@@ -25,24 +25,25 @@ def batches(time: np.ndarray) -> tuple[float, float] | None:
     steps = np.diff(time[np.isfinite(time)])
     if not len(steps) or steps.min() < 0 or steps.sum() == 0:
         return None
-    short = steps < SHORT * steps.mean()
+    short = steps < MAX_INNER_STEP * steps.mean()
     ends = np.flatnonzero(~short)
-    if short.mean() < MANY or len(ends) < LEAST or steps[short].sum() > FILLED * steps.sum():
+    if short.mean() < MIN_INNER_SHARE or len(ends) < MIN_BATCHES or steps[
+            short].sum() > MAX_FILLED_SHARE * steps.sum():
         return None
     size = float(np.median(np.diff(ends)))
     if size < 2.0:  # a slow part of the record beside a fast one
         return None
-    at = time[ends]
-    period = float(np.median(np.diff(at)))
-    line = np.polynomial.Polynomial.fit(ends, at, 1)
-    if float(np.sqrt(np.mean((at - line(ends)) ** 2))) > NEAR * period:
+    batch_end_times = time[ends]
+    period = float(np.median(np.diff(batch_end_times)))
+    line = np.polynomial.Polynomial.fit(ends, batch_end_times, 1)
+    if float(np.sqrt(np.mean((batch_end_times - line(ends)) ** 2))) > MAX_BATCH_DEVIATION * period:
         return None
     return size, period
 
 
 def refuse_batches(time: np.ndarray, who: str, log: str) -> None:
-    """Refuse receive times, (n,) seconds: the spacing inside a batch says nothing of the sampling rate."""
-    found = batches(time)
+    """Refuse receive times, (n,) seconds: the spacing inside a batch is not the sampling interval."""
+    found = find_batches(time)
     if found:
         raise BadRecording(
             f"the time at which {who} in {log} were sampled",

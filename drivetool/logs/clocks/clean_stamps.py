@@ -10,15 +10,15 @@ import numpy as np
 from drivetool.errors import BadRecording, Finding
 from drivetool.logs import median_step
 from drivetool.logs.clocks.batched_times import refuse_batches
-from drivetool.logs.clocks.coarse_clock import restored
+from drivetool.logs.clocks.coarse_clock import restore_uniform_times
 
-# Seconds beyond these are damage; larger ones would overflow in what follows.
-FAR = 1e15
-# A sample that several writers brought out of order is at most so many places away from its own.
-DISORDER = 64
-NONE = np.zeros(0)
-# Counters that start again: digits of their range, and what a count may stand for [s].
-BITS, COUNTS = (32, 31, 24, 16), {"ns": 1e-9, "us": 1e-6, "ms": 1e-3}
+# Times beyond this [s], 30 million years, are damage; larger ones would overflow in what follows.
+MAX_ABS_TIME = 1e15
+# A choice: several writers displace a sample by at most so many places. More is a clock that was set back.
+MAX_DISPLACEMENT = 64
+NO_STAMPS = np.zeros(0)
+# Counters that wrap: the register widths that occur in loggers [bit], and what a count may stand for [s].
+COUNTER_BITS, SECONDS_PER_COUNT = (32, 31, 24, 16), {"ns": 1e-9, "us": 1e-6, "ms": 1e-3}
 
 
 @dataclass(frozen=True)
@@ -38,7 +38,7 @@ class Clock:
 
 
 def clean_clock(time: np.ndarray, who: str, log: str, values: Sequence[np.ndarray] = (),
-                without: np.ndarray = NONE) -> tuple[Clock, list[Finding]]:
+                empty_stamps: np.ndarray = NO_STAMPS) -> tuple[Clock, list[Finding]]:
     """The stamps without repeated and missing ones, in order.
 
     time     (n,) seconds as logged; who: the channels on this clock, for messages
@@ -49,22 +49,22 @@ def clean_clock(time: np.ndarray, who: str, log: str, values: Sequence[np.ndarra
              of order are sorted
     """
     findings = []
-    keep = np.flatnonzero(np.abs(time) < FAR)  # neither NaN nor damaged beyond all time
+    keep = np.flatnonzero(np.abs(time) < MAX_ABS_TIME)  # neither NaN nor damaged beyond all time
     if len(keep) < len(time):
         findings.append(Finding(
-            "warning", "missing-time", f"{len(time) - len(keep)} samples of {who} in {log} have no time "
+            "warning", "time-stamps-invalid", f"{len(time) - len(keep)} samples of {who} in {log} have no time "
             "stamp and are left out.", {"samples": len(time) - len(keep), "of": len(time)}))
     if len(keep) == 0:
         raise BadRecording(f"time stamps of {who} in {log}", "none",
                            "Name the time channel in the channel map.")
-    keep, more = _in_order(time, keep, who, log)
+    keep, more = _sort_stamps(time, keep, who, log)
     findings += more
-    coarse = _restored(time[keep], [v[keep] for v in values], without)
+    coarse = _restore_with_empty_stamps(time[keep], [v[keep] for v in values], empty_stamps)
     if coarse is not None:
         found, resolution = coarse
         step = median_step(found)
         findings.append(Finding(
-            "note", "clock-restored", f"The stamps of {who} in {log} come in steps of {resolution:.4g} s; a "
+            "note", "clock-corrected", f"The stamps of {who} in {log} come in steps of {resolution:.4g} s; a "
             f"uniform clock of {step:.6g} s lies behind them, and its times are used.",
             {"resolution": resolution, "step": step}, "Log time stamps in full."))
         return Clock(found, keep), findings
@@ -73,42 +73,42 @@ def clean_clock(time: np.ndarray, who: str, log: str, values: Sequence[np.ndarra
     if np.any(step == 0):
         repeated = int(np.sum(step == 0))
         findings.append(Finding(
-            "warning", "repeated-time", f"{repeated} samples of {who} in {log} repeat the time stamp before "
+            "warning", "time-stamps-invalid", f"{repeated} samples of {who} in {log} repeat the time stamp before "
             "them and are left out.", {"samples": repeated, "of": len(time)},
             "Check the resolution of the recorder's clock."))
         keep = keep[np.concatenate([[True], step > 0])]
     return (Clock(time[keep], keep) if findings else Clock(time)), findings
 
 
-def _restored(time: np.ndarray, values: Sequence[np.ndarray],
-              without: np.ndarray) -> tuple[np.ndarray, float] | None:
-    """See coarse_clock; stamps without a value tell a coarse clock from one that regularly lacks samples."""
-    found = restored(time, values)
-    if found is None or not len(without):
+def _restore_with_empty_stamps(time: np.ndarray, values: Sequence[np.ndarray],
+                               empty_stamps: np.ndarray) -> tuple[np.ndarray, float] | None:
+    """See coarse_clock; stamps without a value distinguish a coarse clock from one that regularly lacks samples."""
+    found = restore_uniform_times(time, values)
+    if found is None or not len(empty_stamps):
         return found
-    every = np.concatenate([time, without])
+    every = np.concatenate([time, empty_stamps])
     order = np.argsort(every, kind="stable")
-    both = restored(every[order])
+    both = restore_uniform_times(every[order])
     if both is None:
         return found if np.any(np.diff(time) == 0) else None
     return both[0][order < len(time)], both[1]
 
 
-def _in_order(time: np.ndarray, keep: np.ndarray, who: str, log: str) -> tuple[np.ndarray, list[Finding]]:
+def _sort_stamps(time: np.ndarray, keep: np.ndarray, who: str, log: str) -> tuple[np.ndarray, list[Finding]]:
     """Indices in the order of time, if single samples were logged too late; BadRecording if the clock jumps."""
     step = np.diff(time[keep])
     if not np.any(step < 0):
         return keep, []
     order = np.argsort(time[keep], kind="stable")
-    away = np.abs(order - np.arange(len(order)))
-    late = int(np.sum(away > 0))
+    displacement = np.abs(order - np.arange(len(order)))
+    late = int(np.sum(displacement > 0))
     # A clock that was set back leaves two samples where one should be; late samples fill their holes.
-    usual = 0.5 * np.median(np.abs(step))
-    crowded = int(np.sum(np.diff(time[keep][order]) < usual)) > int(np.sum(np.abs(step) < usual))
-    if away.max() > DISORDER or crowded:
+    half_step = 0.5 * np.median(np.abs(step))
+    crowded = int(np.sum(np.diff(time[keep][order]) < half_step)) > int(np.sum(np.abs(step) < half_step))
+    if displacement.max() > MAX_DISPLACEMENT or crowded:
         at = int(np.argmax(step < 0))
         where = f"a step of {step[at]:.6g} s after sample {keep[at]} at {time[keep[at]]:.6f} s"
-        counter = _counter(float(step[at]), float(usual))
+        counter = _find_wrapped_counter(float(step[at]), float(half_step))
         if counter:
             bits, unit = counter
             raise BadRecording(
@@ -119,14 +119,15 @@ def _in_order(time: np.ndarray, keep: np.ndarray, who: str, log: str) -> tuple[n
             f"time that does not go backwards for {who} in {log}", where,
             "Cut the record there (--condition 'keep to=...'), or choose another time channel in the channel map.")
     return keep[order], [Finding(
-        "warning", "out-of-order", f"{late} samples of {who} in {log} were not logged in the order of their time "
+        "warning", "time-stamps-invalid",
+        f"{late} samples of {who} in {log} were not logged in the order of their time "
         "stamps; they were sorted.", {"samples": late, "of": len(time)}, "Check the recorder.")]
 
 
-def _counter(back: float, usual: float) -> tuple[int, str] | None:
+def _find_wrapped_counter(step_back: float, half_step: float) -> tuple[int, str] | None:
     """(bits, what a count is) of a counter whose start makes a step back [s]; None if there is none.
 
     usual  half the usual step [s], by which the next sample may be off
     """
-    return next(((bits, unit) for bits in BITS for unit, count in COUNTS.items()
-                 if abs(back + 2.0**bits * count - 2.0 * usual) <= usual), None)
+    return next(((bits, unit) for bits in COUNTER_BITS for unit, count in SECONDS_PER_COUNT.items()
+                 if abs(step_back + 2.0**bits * count - 2.0 * half_step) <= half_step), None)

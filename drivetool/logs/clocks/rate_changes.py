@@ -10,12 +10,12 @@ import numpy as np
 
 from drivetool.logs import INPUTS
 from drivetool.logs.clocks.clean_stamps import Clock
-from drivetool.logs.clocks.rate import FASTER, REGULAR
-from drivetool.logs.clocks.resample import Clean, led, refuse_single
+from drivetool.logs.clocks.rate import MIN_RATE_RATIO, MIN_REGULAR_STEPS_SHARE
+from drivetool.logs.clocks.resample import CleanSignals, refuse_single, with_leader
 
-# A rate lasts for so many samples, or it is none: fewer answer no question about a drive. The median of twice as
-# many steps less one changes only where at least so many of them are of another length.
-LASTS = 50
+# A rate lasts for at least so many samples, as an experiment does (door/build.py, MIN_SAMPLES). The median of
+# 2 n - 1 steps changes only where at least n of them have another length.
+MIN_RATE_SAMPLES = 50
 Window = tuple[float, float]
 
 
@@ -32,25 +32,26 @@ class Rate:
         return f"{1.0 / self.step:.4g} Hz"
 
 
-def rates(time: np.ndarray) -> list[Rate]:
+def find_rates(time: np.ndarray) -> list[Rate]:
     """Every rate that a clock has one after the other, in the order in which they begin.
 
-    A change is a step that is longer or shorter by a factor, and lasts. What is lost, late or at random makes none:
-    at a rate, four of five steps are nearer to its own than to any other's, and within half of it.
+    A change is a step that is longer or shorter by a factor, and lasts. Lost, late or random samples make none:
+    at a rate, four of five steps are nearest to its own step, and within half of it.
 
     time     (n,) seconds, strictly increasing
     returns  empty where there is one rate, or no such rates
     """
     steps = np.diff(time)
-    if len(steps) < 2 * LASTS or not _may_change(steps):
+    if len(steps) < 2 * MIN_RATE_SAMPLES or not _may_change(steps):
         return []
     from scipy.ndimage import median_filter
 
-    label = _lasting(_grouped(np.log(median_filter(steps, size=2 * LASTS - 1, mode="nearest"))))
+    label = _merge_short_runs(_rate_groups(np.log(
+        median_filter(steps, size=2 * MIN_RATE_SAMPLES - 1, mode="nearest"))))
     usual = np.array([float(np.median(steps[label == k])) for k in range(label.max() + 1)])
     nearest = np.argmin(np.abs(np.log(steps)[:, None] - np.log(usual)), axis=1)
-    own = (nearest == label) & (np.abs(steps - usual[label]) < 0.5 * usual[label])
-    if len(usual) < 2 or any(np.mean(own[label == k]) < REGULAR for k in range(len(usual))):
+    at_own_rate = (nearest == label) & (np.abs(steps - usual[label]) < 0.5 * usual[label])
+    if len(usual) < 2 or any(np.mean(at_own_rate[label == k]) < MIN_REGULAR_STEPS_SHARE for k in range(len(usual))):
         return []
     # A sample goes with the step that follows it: for so long its torque is held.
     edges = np.flatnonzero(np.diff(label)) + 1
@@ -61,8 +62,8 @@ def rates(time: np.ndarray) -> list[Rate]:
     return [Rate(float(usual[k]), tuple(windows)) for k, windows in found.items()]
 
 
-def at_rate(clean: Clean, rate: Rate, log: str) -> Clean:
-    """What of a recording is at one of its rates.
+def at_rate(clean: CleanSignals, rate: Rate, log: str) -> CleanSignals:
+    """The part of a recording at one of its rates.
 
     raises  NotEnoughData: a signal with fewer than two samples there
     """
@@ -70,41 +71,41 @@ def at_rate(clean: Clean, rate: Rate, log: str) -> Clean:
     for role, signal in clean.signals.items():
         key = id(clean.clocks[role]), role in INPUTS
         if key not in cut:
-            at, index = _within(signal.time, rate.windows, role in INPUTS)
+            at, index = _cut_to_windows(signal.time, rate.windows, role in INPUTS)
             # Inputs on a sensor's clock stay on it.
             same = cut.get((key[0], not key[1]))
             cut[key] = (same[0] if same and np.array_equal(same[0].time, at) else Clock(at), index)
         clocks[role], index = cut[key]
         signals[role] = replace(signal, time=clocks[role].time, values=signal.values[index])
     refuse_single(signals, clocks, log)
-    return led(signals, clocks, clean.findings, tuple(begin for begin, _ in rate.windows[1:]))
+    return with_leader(signals, clocks, clean.findings, tuple(begin for begin, _ in rate.windows[1:]))
 
 
 def _may_change(steps: np.ndarray) -> bool:
     """Whether of so many steps (n,) in a row most are off the usual one by half of what makes two rates."""
-    off = np.abs(np.log(steps / np.median(steps))) > 0.5 * np.log(FASTER)
+    off = np.abs(np.log(steps / np.median(steps))) > 0.5 * np.log(MIN_RATE_RATIO)
     total = np.concatenate([[0], np.cumsum(off)])
-    return bool((total[LASTS:] - total[:-LASTS]).max() > LASTS // 2)
+    return bool((total[MIN_RATE_SAMPLES:] - total[:-MIN_RATE_SAMPLES]).max() > MIN_RATE_SAMPLES // 2)
 
 
-def _grouped(local: np.ndarray) -> np.ndarray:
-    """(n,) number of the group of each local step, (n,) logarithms: groups are a factor apart."""
+def _rate_groups(local: np.ndarray) -> np.ndarray:
+    """(n,) number of the group of each local step, (n,) logarithms: groups differ by at least MIN_RATE_RATIO."""
     values = np.unique(local)
-    return np.searchsorted(values[1:][np.diff(values) > np.log(FASTER)], local, side="right")
+    return np.searchsorted(values[1:][np.diff(values) > np.log(MIN_RATE_RATIO)], local, side="right")
 
 
-def _lasting(label: np.ndarray) -> np.ndarray:
+def _merge_short_runs(label: np.ndarray) -> np.ndarray:
     """Labels (n,) in which every run lasts, numbered anew: a shorter one counts with what is before it."""
     runs = list(pairwise([0, *(np.flatnonzero(np.diff(label)) + 1).tolist(), len(label)]))
-    now = next((label[a] for a, b in runs if b - a >= LASTS), label[0])
+    now = next((label[a] for a, b in runs if b - a >= MIN_RATE_SAMPLES), label[0])
     found = np.empty_like(label)
     for a, b in runs:
-        now = label[a] if b - a >= LASTS else now
+        now = label[a] if b - a >= MIN_RATE_SAMPLES else now
         found[a:b] = now
     return np.unique(found, return_inverse=True)[1].reshape(-1)
 
 
-def _within(time: np.ndarray, windows: Sequence[Window], held: bool) -> tuple[np.ndarray, np.ndarray]:
+def _cut_to_windows(time: np.ndarray, windows: Sequence[Window], held: bool) -> tuple[np.ndarray, np.ndarray]:
     """(stamps within some windows, (m,); index of their samples); what is held acts from where a window begins."""
     at, index = [], []
     for begin, end in windows:

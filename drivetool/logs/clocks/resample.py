@@ -8,14 +8,30 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from drivetool.errors import BadRecording, Finding, NotEnoughData
-from drivetool.logs import BRIDGE_STEPS, INPUTS, JITTER, LIKE_STEP, Grid, Signal, fit_grid, median_step, usual_step
+from drivetool.logs import (
+    BRIDGE_STEPS,
+    INPUTS,
+    JITTER_TOLERANCE,
+    STEP_TOLERANCE,
+    Grid,
+    Signal,
+    fit_grid,
+    median_step,
+    usual_step,
+)
 from drivetool.logs.clocks.clean_stamps import Clock, clean_clock
 from drivetool.logs.clocks.clock_offset import clock_offsets
-from drivetool.logs.clocks.rate import CUT_OFF, FASTER, average, held_for, low_passed
+from drivetool.logs.clocks.rate import (
+    ANTIALIAS_CUT_OFF,
+    MIN_RATE_RATIO,
+    average_over_steps,
+    hold_times,
+    low_pass_reference,
+)
 
 
 @dataclass(frozen=True)
-class Clean:
+class CleanSignals:
     """Signals on clean clocks.
 
     signals  role -> Signal, its stamps strictly increasing; clocks: role -> Clock, one for all with equal stamps
@@ -32,7 +48,7 @@ class Clean:
 
 
 @dataclass(frozen=True)
-class Gridded:
+class GriddedSignals:
     """Signals on a grid: step, start [s]; role -> (n,); segments without a gap."""
 
     step: float
@@ -42,31 +58,31 @@ class Gridded:
     findings: tuple[Finding, ...]
 
 
-def cleaned(signals: Mapping[str, Signal], log: str) -> Clean:
+def clean_signals(signals: Mapping[str, Signal], log: str) -> CleanSignals:
     """The signals with every stamp once and in order.
 
     signals  role -> Signal, with stamps as logged
     raises   BadRecording: time goes backwards; NotEnoughData: a signal with fewer than two samples
     """
-    clocks, findings = _clean(signals, log)
+    clocks, findings = _clean_clocks(signals, log)
     refuse_single(signals, clocks, log)
     clean = {role: Signal(clocks[role].time, clocks[role].of(signal.values), signal.si)
              for role, signal in signals.items()}
-    return led(clean, clocks, (*findings, *clock_offsets(clean, log)))
+    return with_leader(clean, clocks, (*findings, *clock_offsets(clean, log)))
 
 
-def led(clean: Mapping[str, Signal], clocks: Mapping[str, Clock], findings: tuple[Finding, ...],
-        resumes: tuple[float, ...] = ()) -> Clean:
-    """Clean signals with what leads them."""
+def with_leader(clean: Mapping[str, Signal], clocks: Mapping[str, Clock], findings: tuple[Finding, ...],
+        resumes: tuple[float, ...] = ()) -> CleanSignals:
+    """Clean signals with the role whose clock the grid takes."""
     leader = leader_of({role: clock.time for role, clock in clocks.items()})
-    return Clean(clean, clocks, leader, _filled(leader, clocks), findings, resumes)
+    return CleanSignals(clean, clocks, leader, _fill_lost_stamps(leader, clocks), findings, resumes)
 
 
-def onto_grid(clean: Clean, log: str) -> Gridded:
+def onto_grid(clean: CleanSignals, log: str) -> GriddedSignals:
     """All signals on the grid of the fastest sensor, its steps divided where an input is faster.
 
     Samples whose stamps are those of the grid are taken as they are, bit by bit. Others are converted. An input is
-    averaged over what is held during each step, which is exact in what the drive feels. A sensor is interpolated
+    averaged over what is held during each step, which keeps its impulse exactly. A sensor is interpolated
     between neighbours at most 3 steps apart; a slower one has a value only at the grid points next to its samples.
     What is faster (references alone) is low-passed (rate.py).
 
@@ -75,22 +91,23 @@ def onto_grid(clean: Clean, log: str) -> Gridded:
     """
     clocks, leader, time, findings = clean.clocks, clean.leader, clean.time, []
     values = {role: signal.values for role, signal in clean.signals.items()}
-    grid, at = _grid(time, _parts(time, clocks), log)
+    grid, at = _divided_grid(time, _input_steps_per_interval(time, clocks), log)
     index = grid.index
     placed: dict[str, np.ndarray] = {}
     slowed: dict[str, float] = {}
     converted = not grid.uniform
     for role, clock in clocks.items():
-        places = _places(clock.time, at, grid.step) if grid.uniform else None
+        places = _matching_grid_points(clock.time, at, grid.step) if grid.uniform else None
         if places is not None:
-            placed[role] = _place(len(at), places, values[role], role in INPUTS)
+            placed[role] = _values_on_grid(len(at), places, values[role], role in INPUTS)
             continue
-        own = median_step(clock.time)
-        if grid.step > FASTER * own and role not in INPUTS:
-            slowed[role] = own
+        own_step = median_step(clock.time)
+        if grid.step > MIN_RATE_RATIO * own_step and role not in INPUTS:
+            slowed[role] = own_step
         converted = True
-        alike = clock is clocks[leader]
-        placed[role] = _converted(at, grid.step, clock.time, values[role], own, role in INPUTS, alike)
+        on_grid_clock = clock is clocks[leader]
+        placed[role] = _convert_to_grid(at, grid.step, clock.time, values[role], own_step, role in INPUTS,
+                                        on_grid_clock)
     if grid.uniform and grid.lost:
         findings.append(_lost_finding(grid, log))
     if slowed:
@@ -99,13 +116,13 @@ def onto_grid(clean: Clean, log: str) -> Gridded:
         findings.append(_resampled_finding(grid, clocks, leader, log))
         _require_overlap(placed, log, (*clean.findings, *findings))
     pauses = np.searchsorted(time, clean.resumes) - 1
-    stretches = tuple(_stretches(index, np.union1d(grid.gaps, pauses)))
+    stretches = tuple(_segments_between_gaps(index, np.union1d(grid.gaps, pauses)))
     if len(gaps := np.setdiff1d(grid.gaps, pauses)):
         findings.append(_gap_finding(gaps, len(stretches), time, log))
-    return Gridded(grid.step, grid.start, placed, stretches, tuple(findings))
+    return GriddedSignals(grid.step, grid.start, placed, stretches, tuple(findings))
 
 
-def _clean(signals: Mapping[str, Signal], log: str) -> tuple[dict[str, Clock], list[Finding]]:
+def _clean_clocks(signals: Mapping[str, Signal], log: str) -> tuple[dict[str, Clock], list[Finding]]:
     """role -> Clock; signals with equal stamps share one Clock object."""
     groups: list[tuple[np.ndarray, list[str]]] = []
     for role, signal in signals.items():
@@ -118,42 +135,43 @@ def _clean(signals: Mapping[str, Signal], log: str) -> tuple[dict[str, Clock], l
     clocks: dict[str, Clock] = {}
     findings: list[Finding] = []
     for time, roles in groups:
-        # A torque that is held repeats its values whoever logs it: alone it tells no row that was logged twice.
-        told = [] if set(roles) <= set(INPUTS) else [signals[role].values for role in roles]
-        clock, new = clean_clock(time, ", ".join(roles), log, told, signals[roles[0]].without)
+        # A held torque repeats its values in any log: alone it does not show rows that were logged twice.
+        sensor_values = [] if set(roles) <= set(INPUTS) else [signals[role].values for role in roles]
+        clock, new = clean_clock(time, ", ".join(roles), log, sensor_values, signals[roles[0]].empty_stamps)
         if len(clock.time) > 1:
             _refuse_vast(float(np.ptp(clock.time)) / median_step(clock.time), len(clock.time), log)
         findings += new
         clocks |= dict.fromkeys(roles, clock)
-    findings += [f for role in signals for f in _absent(role, signals[role], clocks[role].time, log)]
+    findings += [f for role in signals
+                 for f in _missing_values_findings(role, signals[role], clocks[role].time, log)]
     return {role: clocks[role] for role in signals}, findings
 
 
-def _absent(role: str, signal: Signal, time: np.ndarray, log: str) -> list[Finding]:
+def _missing_values_findings(role: str, signal: Signal, time: np.ndarray, log: str) -> list[Finding]:
     """A finding if rows or messages lack a value where one was due at the signal's own rate."""
-    if not len(signal.without) or len(time) < 2:
+    if not len(signal.empty_stamps) or len(time) < 2:
         return []
-    own = median_step(time)
-    place = np.searchsorted(time, signal.without)
+    own_step = median_step(time)
+    place = np.searchsorted(time, signal.empty_stamps)
     inside = np.bincount(place, minlength=len(time) + 1)[1:-1]
-    due = int(np.minimum(inside, np.maximum(np.round(np.diff(time) / own) - 1, 0)).sum())
+    due = int(np.minimum(inside, np.maximum(np.round(np.diff(time) / own_step) - 1, 0)).sum())
     # Before the first sample and after the last: as many as fit at the signal's rate.
-    for part in (time[0] - signal.without[place == 0], signal.without[place == len(time)] - time[-1]):
-        due += len(set(np.floor(part / own + 1e-3).tolist()) - {0.0})
-    due = max(due, signal.broken)
+    for part in (time[0] - signal.empty_stamps[place == 0], signal.empty_stamps[place == len(time)] - time[-1]):
+        due += len(set(np.floor(part / own_step + 1e-3).tolist()) - {0.0})
+    due = max(due, signal.invalid_count)
     if not due:
         return []
-    of = due + len(time)
+    total = due + len(time)
     return [Finding(
-        "warning", "missing-values",
-        f"{role} has no value that can be used at {100 * due / of:.2g} % of its samples in {log}.",
-        {"role": role, "samples": due, "of": of, "share": due / of},
+        "warning", "samples-missing",
+        f"{role} has no value that can be used at {100 * due / total:.2g} % of its samples in {log}.",
+        {"role": role, "samples": due, "of": total, "share": due / total},
         "Check the recorder and the sensor. If the writer leaves zeros out (proto3 as JSON does), write "
         f"`absent: 0` for {role} in the channel map.")]
 
 
 def refuse_single(signals: Mapping[str, Signal], clocks: Mapping[str, Clock], log: str) -> None:
-    """One stamp is no clock."""
+    """Refuse a signal with fewer than two stamps: they give no sampling interval."""
     for role, clock in clocks.items():
         if len(clock.time) < 2:
             count = len(signals[role].time)
@@ -166,8 +184,7 @@ def refuse_single(signals: Mapping[str, Signal], clocks: Mapping[str, Clock], lo
 def leader_of(times: Mapping[str, np.ndarray]) -> str:
     """The role whose clock the grid takes: of the fastest sensors, that with most samples.
 
-    Inputs are known at every instant, and need no grid of their own; what the loop is asked for is no reason for a
-    finer one.
+    Inputs are known at every instant and need no grid of their own; a reference does not call for a finer one.
 
     times  role -> (n,) stamps, as logged or clean
     """
@@ -175,16 +192,17 @@ def leader_of(times: Mapping[str, np.ndarray]) -> str:
     own = {role: step for role, step in steps.items() if not role.startswith("reference_")} or steps
     own = {role: step for role, step in own.items() if role not in INPUTS} or own
     fastest = min(own.values())
-    return max((role for role in own if own[role] <= (1 + LIKE_STEP) * fastest), key=lambda role: len(times[role]))
+    return max((role for role in own if own[role] <= (1 + STEP_TOLERANCE) * fastest),
+               key=lambda role: len(times[role]))
 
 
-def _parts(time: np.ndarray, clocks: Mapping[str, Clock]) -> int:
+def _input_steps_per_interval(time: np.ndarray, clocks: Mapping[str, Clock]) -> int:
     """Into how many parts a step between stamps (n,) is divided, for the fastest input."""
     fastest = min((median_step(clocks[role].time) for role in INPUTS if role in clocks), default=np.inf)
     return max(1, round(median_step(time) / fastest))
 
 
-def _grid(time: np.ndarray, parts: int, log: str) -> tuple[Grid, np.ndarray]:
+def _divided_grid(time: np.ndarray, parts: int, log: str) -> tuple[Grid, np.ndarray]:
     """(the grid through stamps (n,), each step in so many parts, with the place of each stamp; its times (m,))."""
     grid = fit_grid(time)
     step = grid.step / parts
@@ -195,31 +213,31 @@ def _grid(time: np.ndarray, parts: int, log: str) -> tuple[Grid, np.ndarray]:
     return replace(grid, step=step, index=index), at
 
 
-def _filled(leader: str, clocks: Mapping[str, Clock]) -> np.ndarray:
+def _fill_lost_stamps(leader: str, clocks: Mapping[str, Clock]) -> np.ndarray:
     """The leader's stamps, with those of other clocks where it lacks a sample."""
     time = clocks[leader].time
     step = median_step(time)
     for clock in {id(clock): clock for clock in clocks.values() if clock is not clocks[leader]}.values():
-        away = np.abs(clock.time - time[_nearest(clock.time, time)]) / step
-        missing = (away > 0.5) & (np.abs(away - np.round(away)) < JITTER)
+        distance = np.abs(clock.time - time[_nearest_stamps(clock.time, time)]) / step
+        missing = (distance > 0.5) & (np.abs(distance - np.round(distance)) < JITTER_TOLERANCE)
         missing &= (clock.time > time[0]) & (clock.time < time[-1])
-        if missing.any() and abs(median_step(clock.time) / step - 1) <= LIKE_STEP:
+        if missing.any() and abs(median_step(clock.time) / step - 1) <= STEP_TOLERANCE:
             time = np.union1d(time, clock.time[missing])
     return time
 
 
-def _nearest(time: np.ndarray, stamps: np.ndarray) -> np.ndarray:
+def _nearest_stamps(time: np.ndarray, stamps: np.ndarray) -> np.ndarray:
     """(n,) index of the stamp nearest to each time."""
     right = np.clip(np.searchsorted(stamps, time), 1, len(stamps) - 1)
     return right - (time - stamps[right - 1] < stamps[right] - time)
 
 
-def _places(time: np.ndarray, at: np.ndarray, step: float) -> np.ndarray | None:
+def _matching_grid_points(time: np.ndarray, at: np.ndarray, step: float) -> np.ndarray | None:
     """Grid points of the times (m,); None if they are not those of the grid (n,)."""
-    if time[0] < at[0] - JITTER * step or time[-1] > at[-1] + JITTER * step:
+    if time[0] < at[0] - JITTER_TOLERANCE * step or time[-1] > at[-1] + JITTER_TOLERANCE * step:
         return None
-    nearest = _nearest(time, at)
-    if np.any(np.abs(time - at[nearest]) > JITTER * step) or np.any(np.diff(nearest) < 1):
+    nearest = _nearest_stamps(time, at)
+    if np.any(np.abs(time - at[nearest]) > JITTER_TOLERANCE * step) or np.any(np.diff(nearest) < 1):
         return None
     return nearest
 
@@ -231,7 +249,7 @@ def _refuse_vast(count: float, samples: int, log: str) -> None:
                            "Cut the record into files, one per run.")
 
 
-def _place(count: int, places: np.ndarray, values: np.ndarray, is_input: bool) -> np.ndarray:
+def _values_on_grid(count: int, places: np.ndarray, values: np.ndarray, is_input: bool) -> np.ndarray:
     """(count,) with values at their places; an input is held where no sample of its own was lost, NaN elsewhere."""
     if count == len(values):
         return values
@@ -239,44 +257,44 @@ def _place(count: int, places: np.ndarray, values: np.ndarray, is_input: bool) -
     if not is_input:
         placed[places] = values
         return placed
-    for_ = np.round(held_for(places.astype(float))).astype(np.int64)
+    hold_steps = np.round(hold_times(places.astype(float))).astype(np.int64)
     last = np.searchsorted(places, np.arange(count), side="right") - 1
-    known = (last >= 0) & (np.arange(count) < (places + for_)[last])
+    known = (last >= 0) & (np.arange(count) < (places + hold_steps)[last])
     placed[known] = values[last[known]]
     return placed
 
 
-def _stretches(places: np.ndarray, gaps: np.ndarray) -> list[tuple[int, int]]:
+def _segments_between_gaps(places: np.ndarray, gaps: np.ndarray) -> list[tuple[int, int]]:
     """(first, last+1) grid points of the stretches between gaps."""
     first = places[np.concatenate([[0], gaps + 1]).astype(np.int64)]
     last = places[np.concatenate([gaps, [len(places) - 1]]).astype(np.int64)]
     return [(int(a), int(b) + 1) for a, b in zip(first, last, strict=True)]
 
 
-def _converted(at: np.ndarray, step: float, time: np.ndarray, values: np.ndarray, own: float,
-               is_input: bool, alike: bool) -> np.ndarray:
+def _convert_to_grid(at: np.ndarray, step: float, time: np.ndarray, values: np.ndarray, own_step: float,
+                     is_input: bool, on_grid_clock: bool) -> np.ndarray:
     """(n,) a signal with a step `own` at the grid points (n,); alike: the grid is fitted to its stamps."""
     if is_input:
-        return (_hold if alike else average)(at, step, time, values)
-    if step > FASTER * own:
-        return low_passed(at, step, time, values)
+        return (_zero_order_hold if on_grid_clock else average_over_steps)(at, step, time, values)
+    if step > MIN_RATE_RATIO * own_step:
+        return low_pass_reference(at, step, time, values)
     found = _interpolate(at, step, time, values)
-    return _once_each(found, at, time) if own > FASTER * step else found
+    return _keep_nearest_points(found, at, time) if own_step > MIN_RATE_RATIO * step else found
 
 
-def _once_each(values: np.ndarray, at: np.ndarray, time: np.ndarray) -> np.ndarray:
+def _keep_nearest_points(values: np.ndarray, at: np.ndarray, time: np.ndarray) -> np.ndarray:
     """Values (n,) of a slow sensor at the grid points next to its samples alone: others would be invented."""
-    nearest = _nearest(time, at)
+    nearest = _nearest_stamps(time, at)
     found = np.full(len(values), np.nan)
     found[nearest] = values[nearest]
     return found
 
 
-def _hold(at: np.ndarray, step: float, time: np.ndarray, values: np.ndarray) -> np.ndarray:
+def _zero_order_hold(at: np.ndarray, step: float, time: np.ndarray, values: np.ndarray) -> np.ndarray:
     """Zero order hold of what acts in the middle of each step; NaN where a sample was lost."""
     middle = at + 0.5 * step
     index = np.searchsorted(time, middle, side="right") - 1
-    known = (index >= 0) & (middle < (time + held_for(time) + JITTER * step)[index])
+    known = (index >= 0) & (middle < (time + hold_times(time) + JITTER_TOLERANCE * step)[index])
     return np.where(known, values[index], np.nan)
 
 
@@ -285,8 +303,8 @@ def _interpolate(at: np.ndarray, step: float, time: np.ndarray, values: np.ndarr
     right = np.clip(np.searchsorted(time, at, side="right"), 1, len(time) - 1)
     before, after = time[right - 1], time[right]
     nearest = np.minimum(np.abs(at - before), np.abs(after - at))
-    inside = (at >= time[0] - JITTER * step) & (at <= time[-1] + JITTER * step)
-    near = (after - before <= (BRIDGE_STEPS + 2 * JITTER) * step) | (nearest <= 0.5 * step)
+    inside = (at >= time[0] - JITTER_TOLERANCE * step) & (at <= time[-1] + JITTER_TOLERANCE * step)
+    near = (after - before <= (BRIDGE_STEPS + 2 * JITTER_TOLERANCE) * step) | (nearest <= 0.5 * step)
     return np.where(inside & near, np.interp(at, time, values), np.nan)
 
 
@@ -294,11 +312,11 @@ def _require_overlap(placed: Mapping[str, np.ndarray], log: str, findings: Seque
     """A signal without a value on the grid was recorded at another time, or by another clock."""
     for role, values in placed.items():
         if not np.any(np.isfinite(values)):
-            told = next((f" {f.text} {f.action}" for f in findings
-                         if f.code == "clock-offset" and role in f.evidence.values()), "")
+            offset_hint = next((f" {f.text} {f.action}" for f in findings
+                                if f.code == "clock-offset" and role in f.evidence.values()), "")
             raise BadRecording(f"{role} at the time of the other signals in {log}",
                                "clocks that do not overlap",
-                               f"Record all signals on one clock, or leave the role out.{told}")
+                               f"Record all signals on one clock, or leave the role out.{offset_hint}")
 
 
 def _resampled_finding(grid: Grid, clocks: Mapping[str, Clock], leader: str, log: str) -> Finding:
@@ -314,15 +332,15 @@ def _resampled_finding(grid: Grid, clocks: Mapping[str, Clock], leader: str, log
 
 
 def _slowed_finding(slowed: Mapping[str, float], grid: Grid, log: str) -> Finding:
-    return Finding("note", "anti-aliased",
-                   f"{', '.join(slowed)} of {log} came faster than the grid and were low-passed without "
-                   f"delay at {CUT_OFF / grid.step:.4g} Hz.",
-                   {"step": grid.step, "cut_off": CUT_OFF / grid.step,
+    return Finding("note", "resampled",
+                   f"{', '.join(slowed)} of {log} have a higher rate than the grid and were low-passed without "
+                   f"delay at {ANTIALIAS_CUT_OFF / grid.step:.4g} Hz.",
+                   {"step": grid.step, "cut_off": ANTIALIAS_CUT_OFF / grid.step,
                     **{f"step_{role}": own for role, own in slowed.items()}})
 
 
 def _lost_finding(grid: Grid, log: str) -> Finding:
-    return Finding("warning", "lost-samples",
+    return Finding("warning", "samples-missing",
                    f"{log} lacks {grid.lost} single samples ({100 * grid.lost / grid.size:.2g} %); the "
                    "torque is held over them and sensors have no value there.",
                    {"samples": grid.lost, "of": grid.size}, "Check the recorder for overload.")
@@ -331,7 +349,7 @@ def _lost_finding(grid: Grid, log: str) -> Finding:
 def _gap_finding(gaps: np.ndarray, segments: int, time: np.ndarray, log: str) -> Finding:
     lengths = np.diff(time)[gaps]
     often = "once" if len(lengths) == 1 else f"{len(lengths)} times"
-    return Finding("warning", "gaps",
+    return Finding("warning", "recording-interrupted",
                    f"{log} is interrupted {often}, for up to {lengths.max():.4g} s; it is used as "
                    f"{segments} segments.",
                    {"gaps": len(lengths), "longest": float(lengths.max()),

@@ -1,6 +1,6 @@
-"""An experiment and the steps that the user asks for come in.
+"""An experiment and the requested steps come in.
 
-The experiment after these steps goes out, each told in its findings. The parts to keep or omit are cut here too,
+The experiment after these steps goes out, each with a finding. The parts to keep or omit are cut here too,
 before any check.
 """
 

@@ -1,15 +1,15 @@
-"""Conditioning: what is done to an experiment before it is used, step by step, each said in its findings.
+"""Conditioning: steps applied to an experiment before it is used, each reported in its findings.
 
-    despike window=7 threshold=5 roles=motor_speed   samples that stand out of the running median
-    lowpass cutoff=50 order=4                        Butterworth, there and back, on all channels alike
+    despike window=7 threshold=5 roles=motor_speed   replaces outliers from the running median
+    lowpass cutoff=50 order=4                        Butterworth, forward and backward, on all channels alike
     detrend order=0 roles=motor_angle                mean (0) or straight line (1) of each segment
     decimate factor=5                                low-passed at 0.8 of the new half rate
     differentiate roles=motor_angle                  the angle becomes a speed, by central differences
-    integrate roles=motor_speed                      a speed made of an encoder's counts becomes their sum
+    integrate roles=motor_speed                      a speed computed from an encoder's counts becomes their sum
     keep from=2 to=8                                 this part of the recording only, in seconds from its start
-    omit from=4.5 to=5                               all but this part; what follows starts anew
+    omit from=4.5 to=5                               all but this part; the motion starts anew after it
 
-keep and omit act before all others, and before any check of the recording: they cure what they leave out.
+keep and omit act before all others, and before any check of the recording, which omits the faults in it.
 `roles` is optional; without it a step takes all roles that it can.
 """
 
@@ -22,12 +22,12 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from drivetool.errors import BadOption, Finding, NotEnoughData, nearest
-from drivetool.logs import INPUTS, ROLES, Experiment, ordered, role_of
-from drivetool.logs.samples import despiked, differentiate, low_pass
+from drivetool.logs import INPUTS, ROLES, Experiment, ordered_roles, role_of
+from drivetool.logs.samples import differentiate, low_pass, remove_spikes
 
 
 @dataclass(frozen=True)
-class Step:
+class ConditioningStep:
     """A conditioning step: its name, its numbers with defaults filled in, and roles (empty: all)."""
 
     name: str
@@ -35,14 +35,14 @@ class Step:
     roles: tuple[str, ...] = ()
 
     @property
-    def told(self) -> dict[str, float]:
-        """Its numbers without those that mean no bound."""
+    def finite_numbers(self) -> dict[str, float]:
+        """Its finite numbers; an infinite one means no bound."""
         return {key: value for key, value in self.numbers.items() if math.isfinite(value)}
 
     @property
     def text(self) -> str:
         """As a person writes it."""
-        words = [self.name, *(f"{key}={value:g}" for key, value in self.told.items())]
+        words = [self.name, *(f"{key}={value:g}" for key, value in self.finite_numbers.items())]
         return " ".join([*words, *([f"roles={','.join(self.roles)}"] if self.roles else [])])
 
 
@@ -57,11 +57,11 @@ _OPTIONS: dict[str, dict[str, tuple[float | None, float, bool]]] = {
     "keep": {"from": (0.0, 0.0, False), "to": (math.inf, 0.0, False)},
     "omit": {"from": (None, 0.0, False), "to": (None, 0.0, False)},
 }
-_ALL_ALIKE = ("lowpass", "decimate", "keep", "omit")
-LEAST = 50  # samples that a step must leave
+_ALL_CHANNELS = ("lowpass", "decimate", "keep", "omit")
+MIN_SAMPLES_LEFT = 50  # samples that a step must leave, as an experiment needs (MIN_SAMPLES in door/build.py)
 
 
-def parse_step(text: str) -> Step:
+def parse_step(text: str) -> ConditioningStep:
     """The step behind words such as 'lowpass cutoff=50'; commas or a colon may separate them too.
 
     raises  BadOption: an unknown step or option, a number that cannot be
@@ -73,12 +73,12 @@ def parse_step(text: str) -> Step:
     given, roles = {}, ()
     for word in words:
         key, _, value = word.partition("=")
-        if key == "roles" and name not in _ALL_ALIKE:
+        if key == "roles" and name not in _ALL_CHANNELS:
             roles = tuple(filter(None, value.split(",")))
         elif key in known:
-            given[key] = _number(name, key, value, known[key])
+            given[key] = _parse_number(name, key, value, known[key])
         else:
-            more = [] if name in _ALL_ALIKE else ["roles"]
+            more = [] if name in _ALL_CHANNELS else ["roles"]
             raise BadOption(f"a known option of {name}", f"'{word}'", nearest(key, [*known, *more]))
     for role in roles:
         if role_of(role) is None:
@@ -86,10 +86,10 @@ def parse_step(text: str) -> Step:
     for key, (default, _, _) in known.items():
         if default is None and key not in given:
             raise BadOption(f"{key} for {name}", "none", f"Write for example '{name} {key}=5'.")
-    return Step(name, {key: given.get(key, default) for key, (default, _, _) in known.items()}, roles)
+    return ConditioningStep(name, {key: given.get(key, default) for key, (default, _, _) in known.items()}, roles)
 
 
-def _number(name: str, key: str, text: str, rule: tuple[float | None, float, bool]) -> float:
+def _parse_number(name: str, key: str, text: str, rule: tuple[float | None, float, bool]) -> float:
     """A number of a step within its bounds."""
     _, least, whole = rule
     try:
@@ -102,25 +102,25 @@ def _number(name: str, key: str, text: str, rule: tuple[float | None, float, boo
     return value
 
 
-def condition(experiment: Experiment, steps: Sequence[Step]) -> Experiment:
+def condition(experiment: Experiment, steps: Sequence[ConditioningStep]) -> Experiment:
     """The experiment after the steps, in their order; keep and omit came before it (parts.py).
 
-    returns  a new Experiment; each step is a note in its findings. What is at other rates goes through the same
+    returns  a new Experiment; each step is a note in its findings. Parts at other rates pass the same steps
     raises   BadOption: a role that is not there, a cut-off above half the rate; NotEnoughData: too few
              samples left
     """
     for step in steps:
-        if step.name not in _STEPS:
+        if step.name not in _STEP_FUNCTIONS:
             continue
         missing = [role for role in step.roles if role not in experiment.signals]
         if missing:
             raise BadOption(f"role {missing[0]} to {step.name}", f"none in {experiment.name}",
                             "Leave it out, or name its channel.", experiment.signals)
-        changed, evidence, text = _STEPS[step.name](experiment, step)
+        changed, evidence, text = _STEP_FUNCTIONS[step.name](experiment, step)
         note = Finding("note", "conditioned", f"{experiment.name}: {step.text}: {text}.",
-                       {"step": step.name, **step.told, **evidence})
+                       {"step": step.name, **step.finite_numbers, **evidence})
         experiment = replace(changed, findings=(*experiment.findings, note),
-                             signals={role: _frozen(v) for role, v in changed.signals.items()})
+                             signals={role: read_only(v) for role, v in changed.signals.items()})
     others = [condition(other, steps) for other in experiment.others]
     notes = list(experiment.findings)
     for other in others:
@@ -128,48 +128,49 @@ def condition(experiment: Experiment, steps: Sequence[Step]) -> Experiment:
     return replace(experiment, findings=tuple(notes), others=tuple(replace(o, findings=()) for o in others))
 
 
-def _frozen(values: np.ndarray) -> np.ndarray:
+def read_only(values: np.ndarray) -> np.ndarray:
+    """A view that cannot be written to; the recording's own array stays as it was."""
     values = np.ascontiguousarray(values, dtype=float).view()
     values.setflags(write=False)
     return values
 
 
-Result = tuple[Experiment, dict[str, float], str]
+StepResult = tuple[Experiment, dict[str, float], str]
 
 
-def _despike(experiment: Experiment, step: Step) -> Result:
-    """Samples that stand out take the running median of their neighbourhood."""
+def _despike(experiment: Experiment, step: ConditioningStep) -> StepResult:
+    """Outliers are replaced by the running median."""
     roles = step.roles or tuple(experiment.signals)
     signals, counts = dict(experiment.signals), {}
     for role in roles:
         values = signals[role].copy()
         for first, last in experiment.segments:
-            values[first:last], found = despiked(values[first:last], int(step.numbers["window"]),
+            values[first:last], found = remove_spikes(values[first:last], int(step.numbers["window"]),
                                                  step.numbers["threshold"])
             counts[role] = counts.get(role, 0) + int(found.sum())
         signals[role] = values
-    told = ", ".join(f"{count} samples of {role}" for role, count in counts.items())
+    replaced = ", ".join(f"{count} samples of {role}" for role, count in counts.items())
     return (replace(experiment, signals=signals), {f"replaced_{role}": n for role, n in counts.items()},
-            f"{told} replaced by the running median")
+            f"{replaced} replaced by the running median")
 
 
-def _low_pass(experiment: Experiment, step: Step) -> Result:
-    """All channels alike, so that what relates them stays as it is."""
-    _below_half(step.numbers["cutoff"], experiment, step)
+def _low_pass(experiment: Experiment, step: ConditioningStep) -> StepResult:
+    """All channels alike, so that the relations between them do not change."""
+    _require_below_nyquist(step.numbers["cutoff"], experiment, step)
     signals = {role: low_pass(values, experiment.segments, step.numbers["cutoff"] * experiment.step,
                               int(step.numbers["order"]))
                for role, values in experiment.signals.items()}
     return replace(experiment, signals=signals), {}, "all channels low-passed without delay"
 
 
-def _below_half(cutoff: float, experiment: Experiment, step: Step) -> None:
+def _require_below_nyquist(cutoff: float, experiment: Experiment, step: ConditioningStep) -> None:
     half = 0.5 / experiment.step
     if cutoff >= half:
         raise BadOption(f"a cut-off below half the rate, {half:g} Hz, for {step.name}", f"{cutoff:g} Hz",
                         "Choose a lower one, or leave the step out.")
 
 
-def _detrend(experiment: Experiment, step: Step) -> Result:
+def _detrend(experiment: Experiment, step: ConditioningStep) -> StepResult:
     """The mean or the straight line of every segment is taken out."""
     roles = step.roles or tuple(experiment.signals)
     signals = dict(experiment.signals)
@@ -187,7 +188,7 @@ def _detrend(experiment: Experiment, step: Step) -> Result:
     return replace(experiment, signals=signals), {}, f"{what} of every segment taken out of {', '.join(roles)}"
 
 
-def _decimate(experiment: Experiment, step: Step) -> Result:
+def _decimate(experiment: Experiment, step: ConditioningStep) -> StepResult:
     """All channels low-passed alike; then sensors are picked, and inputs averaged over the longer step.
 
     Averaging keeps an input's impulse: it is held over the step that follows, and a picked value
@@ -196,7 +197,7 @@ def _decimate(experiment: Experiment, step: Step) -> Result:
     factor = int(step.numbers["factor"])
     segments = tuple((a, b) for first, last in experiment.segments
                      for a, b in [(-(-first // factor), last // factor)] if b > a)
-    _enough(segments, experiment, step, "Take a smaller factor.")
+    _require_samples(segments, experiment, step, "Take a smaller factor.")
     signals = {}
     for role, values in experiment.signals.items():
         smooth = low_pass(values, experiment.segments, 0.4 / factor, 4)
@@ -206,8 +207,8 @@ def _decimate(experiment: Experiment, step: Step) -> Result:
     return changed, {"step_after": changed.step}, f"the step is {changed.step:g} s now"
 
 
-def _differentiate(experiment: Experiment, step: Step) -> Result:
-    """Angles become speeds; the angle goes, since it says nothing that the speed does not."""
+def _differentiate(experiment: Experiment, step: ConditioningStep) -> StepResult:
+    """Angles become speeds; the angle is dropped, since it adds no information to the speed."""
     roles = step.roles or tuple(role for role in experiment.signals if role.endswith("_angle")
                                 and f"{role[:-6]}_speed" not in experiment.signals)
     if not roles:
@@ -228,8 +229,8 @@ def _differentiate(experiment: Experiment, step: Step) -> Result:
     return replace(experiment, signals=signals), {}, f"{', '.join(roles)} became speeds by central differences"
 
 
-def _integrate(experiment: Experiment, step: Step) -> Result:
-    """Speeds become the angles of whose differences they were made; an angle that is there already stays."""
+def _integrate(experiment: Experiment, step: ConditioningStep) -> StepResult:
+    """Speeds become the angles whose differences they are; an existing angle stays."""
     roles = step.roles or tuple(role for role in experiment.signals if role.endswith("_speed"))
     wrong = [role for role in roles if not role.endswith("_speed")]
     if wrong or not roles:
@@ -242,18 +243,20 @@ def _integrate(experiment: Experiment, step: Step) -> Result:
             if not np.isfinite(speed[first:last]).all():
                 raise BadOption(f"a value of {role} at every sample of {experiment.name} to integrate",
                                 f"{int(np.isnan(speed[first:last]).sum())} missing",
-                                "Leave integrate out: nothing tells how far it moved there.")
+                                "Leave integrate out: the motion at missing samples is unknown.")
             angle[first:last] = np.cumsum(speed[first:last]) * experiment.step
         signals.setdefault(f"{role[:-6]}_angle", angle)
-    return (replace(experiment, signals={r: signals[r] for r in ordered(signals)}), {},
+    return (replace(experiment, signals={r: signals[r] for r in ordered_roles(signals)}), {},
             f"{', '.join(roles)} summed up to angles from zero")
 
 
-def _enough(segments: Sequence[tuple[int, int]], experiment: Experiment, step: Step, do: str) -> None:
-    if (left := sum(b - a for a, b in segments)) < LEAST:
-        raise NotEnoughData(f"at least {LEAST} samples of {experiment.name} after {step.text}", f"{left}", do)
+def _require_samples(segments: Sequence[tuple[int, int]], experiment: Experiment, step: ConditioningStep,
+                     do: str) -> None:
+    if (left := sum(b - a for a, b in segments)) < MIN_SAMPLES_LEFT:
+        raise NotEnoughData(f"at least {MIN_SAMPLES_LEFT} samples of {experiment.name} after {step.text}",
+                            f"{left}", do)
 
 
-_STEPS: dict[str, Callable[[Experiment, Step], Result]] = {
+_STEP_FUNCTIONS: dict[str, Callable[[Experiment, ConditioningStep], StepResult]] = {
     "despike": _despike, "lowpass": _low_pass, "detrend": _detrend, "decimate": _decimate,
     "differentiate": _differentiate, "integrate": _integrate}

@@ -1,7 +1,7 @@
 """A recording and a channel map come in.
 
-An experiment goes out: in SI, uniform, immutable, or a refusal in a sentence. What a log holds, channel by channel,
-is told here too.
+An experiment goes out: in SI, uniform, immutable, or a refusal in a sentence. The contents of a log, channel by
+channel, are reported here too.
 """
 
 import lazy_loader

@@ -11,13 +11,21 @@ import numpy as np
 from drivetool.errors import BadRecording, Finding, NotEnoughData
 from drivetool.logs import INPUTS, Experiment, Recording, is_motion, quantity
 from drivetool.logs.channels import ChannelMap, choose_channels, shared_units, to_signals
-from drivetool.logs.clocks import Clean, Rate, at_rate, cleaned, leader_of, onto_grid, rates
-from drivetool.logs.conditioning import Cut, Step, condition, cut, parse_step, restarted
+from drivetool.logs.clocks import CleanSignals, Rate, at_rate, clean_signals, find_rates, leader_of, onto_grid
+from drivetool.logs.conditioning import (
+    ConditioningStep,
+    CutSignals,
+    condition,
+    cut_signals,
+    parse_step,
+    read_only,
+    restart_after_cuts,
+)
 from drivetool.logs.formats import read_recording
-from drivetool.logs.samples import compare_speed_and_angle, made_of_counts, unmeasured
+from drivetool.logs.samples import compare_speed_and_angle, quantised_speed_findings, unmeasured_findings
 
-# Fewer samples than this answer no question about a drive; the second: a piece this short cannot
-# even pay for its own start states.
+# A choice: fewer samples identify no parameter of a drive. A segment shorter than MIN_SEGMENT is used up by the
+# estimation of its own initial states.
 MIN_SAMPLES = 50
 MIN_SEGMENT = 10
 
@@ -39,12 +47,12 @@ def open_experiment(path: str | Path, channel_map: ChannelMap | None = None,
 
 
 def build_experiment(recording: Recording, channel_map: ChannelMap | None = None,
-                     steps: Sequence[Step] = (), further: Sequence[str] = ()) -> Experiment:
-    """A recording as an experiment: roles, SI, one grid, segments, and what was wrong.
+                     steps: Sequence[ConditioningStep] = (), further: Sequence[str] = ()) -> Experiment:
+    """A recording as an experiment: roles, SI, one grid, segments, and what is wrong with it.
 
     recording    channels on their own clocks
     channel_map  which channel plays which role; None takes channels named like the roles
-    steps        conditioning, of which the parts of the recording to keep or to omit are taken here
+    steps        conditioning, of which keep and omit are applied here
     further      see open_experiment
     returns      Experiment; its findings say what was repaired, lost or looks wrong
     raises       BadRecording: role, unit or time that cannot be used;
@@ -53,44 +61,47 @@ def build_experiment(recording: Recording, channel_map: ChannelMap | None = None
     chosen = choose_channels(tuple(recording.channels), channel_map, recording.name, further)
     signals, findings = to_signals(recording, chosen, channel_map)
     units = shared_units(signals, recording.name)
-    left = cut(signals, leader_of({role: s.time for role, s in signals.items()}), steps, recording.name)
-    clean = cleaned(left.signals, recording.name)
+    cut_record = cut_signals(signals, leader_of({role: s.time for role, s in signals.items()}), steps,
+                             recording.name)
+    clean = clean_signals(cut_record.signals, recording.name)
     blank = Experiment(
         recording.name, recording.sha256, 0.0, recording.origin, {}, (), units.torque, units.motion,
         channel_map.torque_is if channel_map else "unknown",
-        (*recording.findings, *findings, *units.findings, *left.findings), input_units=units.inputs,
+        (*recording.findings, *findings, *units.findings, *cut_record.findings), input_units=units.inputs,
         magnitudes=tuple(r for r, entry in channel_map.roles.items() if entry.unsigned) if channel_map else ())
-    if found := rates(clean.time):
-        return _at_rates(blank, clean, left, found)
-    return _on_grid(blank, clean, left, recording.name)
+    if found_rates := find_rates(clean.time):
+        return _experiment_at_rates(blank, clean, cut_record, found_rates)
+    return _experiment_on_grid(blank, clean, cut_record, recording.name)
 
 
-def _at_rates(blank: Experiment, clean: Clean, left: Cut, found: Sequence[Rate]) -> Experiment:
-    """The experiment at the rate at which most was excited, the others beside it, each on a grid of its own.
+def _experiment_at_rates(blank: Experiment, clean: CleanSignals, cut_record: CutSignals,
+                         found_rates: Sequence[Rate]) -> Experiment:
+    """The experiment at the rate with the largest excitation; other rates are in `others`, each on its own grid.
 
     blank   what does not depend on the grid
-    raises  BadRecording, NotEnoughData: none of them can be used; what the first lacks
+    raises  BadRecording, NotEnoughData: none of them can be used; the error of the first
     """
     log, parts, errors = blank.name, [], []
-    for rate in found:
+    for rate in found_rates:
         label = f"the part of {log} at {rate.text}"
         try:
-            part = _on_grid(replace(blank, findings=()), at_rate(clean, rate, label), left, label, rate)
+            part = _experiment_on_grid(replace(blank, findings=()), at_rate(clean, rate, label), cut_record, label,
+                                       rate)
         except (BadRecording, NotEnoughData) as error:
             errors.append((rate, error))
         else:
-            parts.append(replace(part, begins=rate is found[0]))
+            parts.append(replace(part, begins=rate is found_rates[0]))
     if not parts:
         raise errors[0][1]
-    told = [Finding("warning", "part-left-out", f"The part of {log} at {rate.text} is left out: {error}",
-                    {"step": rate.step}) for rate, error in errors]
+    rate_findings = [Finding("warning", "rate-changes", f"The part of {log} at {rate.text} is left out: {error}",
+                             {"step": rate.step}) for rate, error in errors]
     if len(parts) > 1:
-        told.append(Finding(
+        rate_findings.append(Finding(
             "note", "rate-changes",
             f"{log} changes its rate: {', '.join(f'{p.used} samples at {p.rate}' for p in parts)}. Each rate has a "
             "grid of its own.", {f"samples at {p.rate}": p.used for p in parts}))
     main = max(parts, key=_excitation)
-    findings = [*blank.findings, *told]
+    findings = [*blank.findings, *rate_findings]
     for part in parts:
         findings += [f for f in part.findings if f not in findings]
     return replace(main, others=tuple(replace(p, findings=()) for p in parts if p is not main),
@@ -98,47 +109,45 @@ def _at_rates(blank: Experiment, clean: Clean, left: Cut, found: Sequence[Rate])
 
 
 def _excitation(experiment: Experiment) -> float:
-    """Sum of the squares of the motor torque about its mean: with it grows what a recording tells of a drive."""
+    """Sum of the squares of the motor torque about its mean: the information about the drive grows with it."""
     values = experiment.signals.get("motor_torque", next(iter(experiment.signals.values())))
-    seen = values[_inside(experiment.segments, experiment.size)]
+    seen = values[_in_segments(experiment.segments, experiment.size)]
     return float(np.nansum((seen - np.nanmean(seen)) ** 2))
 
 
-def _on_grid(blank: Experiment, clean: Clean, left: Cut, log: str, rate: Rate | None = None) -> Experiment:
+def _experiment_on_grid(blank: Experiment, clean: CleanSignals, cut_record: CutSignals, log: str,
+                        rate: Rate | None = None) -> Experiment:
     """The experiment on one grid, with its findings.
 
     blank  what does not depend on the grid
     log    what messages call it; rate: of which the signals are a part; None: all
     """
     gridded = onto_grid(clean, log)
-    offset = gridded.start - left.start if left.findings or rate else 0.0
-    findings = [*unmeasured(clean.signals), *clean.findings, *gridded.findings]
-    segments, signals = restarted(gridded.segments, gridded.signals, left.parts, offset, gridded.step)
-    segments, more = _cut(segments, signals, log)
-    inside = _inside(segments, len(next(iter(signals.values()))))
-    findings += [*more, *_sparse(signals, inside), *_constant(signals, inside, log, f" in {log}" if rate else "")]
-    findings += made_of_counts(signals, segments, gridded.step)
+    offset = gridded.start - cut_record.start if cut_record.findings or rate else 0.0
+    findings = [*unmeasured_findings(clean.signals), *clean.findings, *gridded.findings]
+    segments, signals = restart_after_cuts(gridded.segments, gridded.signals, cut_record.parts, offset,
+                                           gridded.step)
+    segments, more = _cut_at_missing_torque(segments, signals, log)
+    inside = _in_segments(segments, len(next(iter(signals.values()))))
+    findings += [*more, *_sparse_sensor_findings(signals, inside),
+                 *_constant_signal_findings(signals, inside, log, f" in {log}" if rate else "")]
+    findings += quantised_speed_findings(signals, segments, gridded.step)
     for body in dict.fromkeys(role.rpartition("_")[0] for role in signals):
         angle, speed = f"{body}_angle", f"{body}_speed"
         if angle in signals and speed in signals:
-            told = any(f.code == "clock-offset" and {angle, speed} <= set(f.evidence.values()) for f in findings)
+            offset_reported = any(f.code == "clock-offset" and {angle, speed} <= set(f.evidence.values())
+                                  for f in findings)
             compared = compare_speed_and_angle(signals[angle], signals[speed], gridded.step, segments, body)
-            findings += [f for f in compared if not (told and f.code in ("speed-delay", "speed-filtered"))]
+            findings += [f for f in compared
+                         if not (offset_reported and f.code in ("speed-delay", "speed-filtered"))]
     return replace(
         blank, step=gridded.step, start=round(blank.start + gridded.start, 9),
-        signals={role: _frozen(values) for role, values in signals.items()}, segments=segments,
+        signals={role: read_only(values) for role, values in signals.items()}, segments=segments,
         findings=(*blank.findings, *findings), offset=round(offset, 9))
 
 
-def _frozen(values: np.ndarray) -> np.ndarray:
-    """A view that cannot be written to; the recording's own array stays as it was."""
-    view = np.ascontiguousarray(values, dtype=float).view()
-    view.setflags(write=False)
-    return view
-
-
-def _cut(segments: Iterable[tuple[int, int]], signals: Mapping[str, np.ndarray],
-         log: str) -> tuple[tuple[tuple[int, int], ...], list[Finding]]:
+def _cut_at_missing_torque(segments: Iterable[tuple[int, int]], signals: Mapping[str, np.ndarray],
+                           log: str) -> tuple[tuple[tuple[int, int], ...], list[Finding]]:
     """Segments without a missing torque; too short pieces are dropped."""
     usable = np.ones(len(next(iter(signals.values()))), dtype=bool)
     for role in INPUTS:
@@ -150,8 +159,8 @@ def _cut(segments: Iterable[tuple[int, int]], signals: Mapping[str, np.ndarray],
         edges = np.flatnonzero(np.diff(part.astype(np.int8)))
         pieces += [(first + int(a), first + int(b)) for a, b in edges.reshape(-1, 2)]
         missing += int(np.sum(~usable[first:last]))
-    kept = tuple(p for p in pieces if p[1] - p[0] >= MIN_SEGMENT)
-    total = sum(b - a for a, b in kept)
+    long_enough = tuple(p for p in pieces if p[1] - p[0] >= MIN_SEGMENT)
+    total = sum(b - a for a, b in long_enough)
     if total < MIN_SAMPLES:
         if missing:
             raise NotEnoughData(f"at least {MIN_SAMPLES} samples without a gap in {log}",
@@ -162,7 +171,7 @@ def _cut(segments: Iterable[tuple[int, int]], signals: Mapping[str, np.ndarray],
                             "Record longer or at a higher rate.")
     findings = []
     if missing:
-        there = _inside(segments, len(usable))
+        there = _in_segments(segments, len(usable))
         known = np.flatnonzero(there & usable)
         between = int(there[known[0]:known[-1] + 1].sum()) > len(known)
         findings.append(Finding(
@@ -170,17 +179,17 @@ def _cut(segments: Iterable[tuple[int, int]], signals: Mapping[str, np.ndarray],
             f"{log}; {f'the record is cut there into {len(pieces)} segments' if between else 'they are left out'}.",
             {"samples": missing, "segments": len(pieces)},
             "Check the recorder; the model cannot run without the torque."))
-    if len(kept) < len(pieces):
+    if len(long_enough) < len(pieces):
         short = sum(b - a for a, b in pieces) - total
         findings.append(Finding(
-            "warning" if short > total else "note", "short-segments",
-            f"{len(pieces) - len(kept)} segments of {log} shorter than {MIN_SEGMENT} samples are left out, {short} "
-            f"of {short + total} samples.",
-            {"segments": len(pieces) - len(kept), "samples": short, "of": short + total}))
-    return kept, findings
+            "warning" if short > total else "note", "recording-interrupted",
+            f"{len(pieces) - len(long_enough)} segments of {log} shorter than {MIN_SEGMENT} samples are left out, "
+            f"{short} of {short + total} samples.",
+            {"segments": len(pieces) - len(long_enough), "samples": short, "of": short + total}))
+    return long_enough, findings
 
 
-def _inside(segments: Iterable[tuple[int, int]], size: int) -> np.ndarray:
+def _in_segments(segments: Iterable[tuple[int, int]], size: int) -> np.ndarray:
     """(n,) whether a grid point lies in a segment."""
     inside = np.zeros(size, dtype=bool)
     for first, last in segments:
@@ -188,20 +197,21 @@ def _inside(segments: Iterable[tuple[int, int]], size: int) -> np.ndarray:
     return inside
 
 
-def _sparse(signals: Mapping[str, np.ndarray], inside: np.ndarray) -> list[Finding]:
+def _sparse_sensor_findings(signals: Mapping[str, np.ndarray], inside: np.ndarray) -> list[Finding]:
     """Sensors with a value at fewer than half of the grid points."""
     findings = []
     for role, values in signals.items():
         share = float(np.mean(np.isfinite(values[inside])))
         if role not in INPUTS and share < 0.5:
             findings.append(Finding(
-                "note", "sparse-sensor",
+                "note", "resampled",
                 f"{role} has a value at only {100 * share:.2g} % of the grid points.",
                 {"role": role, "share": share}))
     return findings
 
 
-def _constant(signals: Mapping[str, np.ndarray], inside: np.ndarray, log: str, where: str) -> list[Finding]:
+def _constant_signal_findings(signals: Mapping[str, np.ndarray], inside: np.ndarray, log: str,
+                              where: str) -> list[Finding]:
     """Signals that never change: a finding each, an error if neither torque nor motion does.
 
     where  what the finding says of the place

@@ -1,4 +1,4 @@
-"""What is in a log, channel by channel, and what a step would make of it."""
+"""The contents of a log, channel by channel, and the experiment that a step would get."""
 
 from __future__ import annotations
 
@@ -9,12 +9,12 @@ import numpy as np
 
 from drivetool.errors import BadRecording, DriveToolError, Finding
 from drivetool.logs import ROLES, Channel, Experiment, Recording, fit_grid, median_step
-from drivetool.logs.channels import ChannelMap, RoleEntry, resolve
-from drivetool.logs.clocks import FAR, clean_clock, rates
+from drivetool.logs.channels import ChannelMap, RoleEntry, resolve_channel
+from drivetool.logs.clocks import MAX_ABS_TIME, clean_clock, find_rates
 from drivetool.logs.conditioning import parse_step
 from drivetool.logs.door.build import build_experiment
 from drivetool.logs.formats import read_recording
-from drivetool.logs.samples import despiked, held, quantum
+from drivetool.logs.samples import hold_count, quantisation_step, remove_spikes
 
 
 @dataclass(frozen=True)
@@ -24,12 +24,12 @@ class ChannelReport:
     unit      as the map or the log gives it; role: what it would be, or None
     samples   with a time stamp; missing: of them without a finite value
     start     first stamp, counted from the recording's origin [s]; duration [s]
-    rate      [Hz], None if it cannot be told; jitter: largest distance from a uniform grid [steps]
+    rate      [Hz], None if it cannot be determined; jitter: largest distance from a uniform grid [steps]
     least, most  range of the values in the channel's unit; None if there is none
     gaps      interruptions; longest [s]; lost: single samples
     quantum   step in which the values are quantised, 0.0 if they are not
-    spikes    places in the channel of samples that stand out of the running median
-    held      how often every value appears in a row, 1 if the channel is as fast as its clock
+    spikes    indices of samples that are outliers from the running median
+    held      how often every value appears in a row, 1 if the channel changes at its own rate
     clock     clock problem in one sentence, or empty
     """
 
@@ -77,15 +77,15 @@ def inspect_log(path: str | Path, channel_map: ChannelMap | None = None) -> Insp
     raises       BadRecording: nothing in the file can be read
     """
     recording = read_recording(path, channel_map, choose=list)
-    roles, findings = _roles(recording, channel_map)
+    roles, findings = _roles_of_channels(recording, channel_map)
     clocks: dict[int, _Clock] = {}
     reports = []
     for name, channel in recording.channels.items():
         clock = clocks.get(id(channel.time))
         if clock is None:
-            clock = clocks[id(channel.time)] = _clock(channel.time, name, recording.name)
+            clock = clocks[id(channel.time)] = _inspect_clock(channel.time, name, recording.name)
         role = roles.get(name)
-        reports.append(_report(name, channel, role, clock, _unit(channel, role, channel_map)))
+        reports.append(_channel_report(name, channel, role, clock, _channel_unit(channel, role, channel_map)))
     experiment, refused = None, ""
     try:
         steps = [parse_step(text) for text in channel_map.condition] if channel_map else []
@@ -94,36 +94,38 @@ def inspect_log(path: str | Path, channel_map: ChannelMap | None = None) -> Insp
     except DriveToolError as problem:
         refused = str(problem)
         findings = [*recording.findings, *findings, Finding(
-            "warning", "not-usable", f"A step that gets {recording.name} would stop: {refused}")]
-    findings += [Finding("warning", "not-read", f"{name} of {recording.name} is not read: {why}.")
+            "warning", "recording-not-usable", f"A step that gets {recording.name} would stop: {refused}")]
+    findings += [Finding("warning", "log-damaged", f"{name} of {recording.name} is not read: {why}.")
                  for name, why in recording.unreadable.items()]
-    return Inspection(recording, tuple(reports), experiment, refused, _once(findings))
+    return Inspection(recording, tuple(reports), experiment, refused, _unique_findings(findings))
 
 
-def _once(findings: list[Finding]) -> tuple[Finding, ...]:
+def _unique_findings(findings: list[Finding]) -> tuple[Finding, ...]:
     """Each sentence once."""
     return tuple({(f.code, f.text): f for f in findings}.values())
 
 
-def _roles(recording: Recording, channel_map: ChannelMap | None) -> tuple[dict[str, str], list[Finding]]:
+def _roles_of_channels(recording: Recording,
+                       channel_map: ChannelMap | None) -> tuple[dict[str, str], list[Finding]]:
     """(channel -> role, roles of the map without a channel)."""
     entries = channel_map.roles if channel_map else {role: RoleEntry(role) for role in ROLES}
     roles, findings = {}, []
     for role, entry in entries.items():
         try:
-            name = resolve(entry.channel, recording.channels)
+            name = resolve_channel(entry.channel, recording.channels)
         except BadRecording as problem:
-            findings.append(Finding("warning", "role-unclear", f"{role}: {problem}"))
+            findings.append(Finding("warning", "channel-map-mismatch", f"{role}: {problem}"))
             continue
         if name is not None:
             roles[name] = role
         elif channel_map:
-            findings.append(Finding("warning", "role-missing", f"There is no channel '{entry.channel}' for {role} "
-                                    f"in {recording.name}.", {"role": role}, "Correct the channel map."))
+            findings.append(Finding(
+                "warning", "channel-map-mismatch", f"There is no channel '{entry.channel}' for {role} "
+                f"in {recording.name}.", {"role": role}, "Correct the channel map."))
     return roles, findings
 
 
-def _unit(channel: Channel, role: str | None, channel_map: ChannelMap | None) -> str | None:
+def _channel_unit(channel: Channel, role: str | None, channel_map: ChannelMap | None) -> str | None:
     """The unit that the map gives, or the log."""
     entry = channel_map.roles.get(role) if channel_map and role else None
     return (entry.unit if entry else None) or channel.unit
@@ -131,48 +133,50 @@ def _unit(channel: Channel, role: str | None, channel_map: ChannelMap | None) ->
 
 @dataclass(frozen=True)
 class _Clock:
-    """What the stamps of one clock say; see ChannelReport."""
+    """The properties of one clock; see ChannelReport."""
 
     keep: np.ndarray
     rate: float | None
     jitter: float
     gaps: tuple[tuple[float, float], ...]
     lost: int
-    told: str
+    description: str
 
 
-def _clock(time: np.ndarray, name: str, log: str) -> _Clock:
-    """Rate, gaps and jitter; also of a clock that no step would take."""
-    known = np.flatnonzero(np.abs(time) < FAR)
+def _inspect_clock(time: np.ndarray, name: str, log: str) -> _Clock:
+    """Rate, gaps and jitter; also of a clock that a step would refuse."""
+    known = np.flatnonzero(np.abs(time) < MAX_ABS_TIME)
     try:
         clock, findings = clean_clock(time, name, log)
-        told = " ".join(f.text for f in findings)
+        description = " ".join(f.text for f in findings)
         keep = known if clock.keep is None else clock.keep
         stamps = clock.time
     except BadRecording as problem:
-        told = f"wanted {problem.wanted}; found {problem.found}."
+        description = f"wanted {problem.wanted}; found {problem.found}."
         keep = known[np.argsort(time[known], kind="stable")]
         stamps = np.unique(time[known])
     if len(stamps) < 2:
-        return _Clock(keep, None, 0.0, (), 0, told)
-    found = rates(stamps)
+        return _Clock(keep, None, 0.0, (), 0, description)
+    found = find_rates(stamps)
     if found:
-        told = f"{told} It changes its rate: {', '.join(rate.text for rate in found)}.".lstrip()
+        description = f"{description} It changes its rate: {', '.join(rate.text for rate in found)}.".lstrip()
     parts = [stamps[(stamps >= a) & (stamps < b)] for rate in found for a, b in rate.windows] or [stamps]
     grids = [(part, fit_grid(part)) for part in parts if len(part) > 1]
     gaps = tuple(sorted((float(part[i]), float(part[i + 1])) for part, grid in grids for i in grid.gaps))
     return _Clock(keep, 1 / median_step(stamps), max(grid.jitter for _, grid in grids), gaps,
-                  sum(grid.lost for _, grid in grids), told)
+                  sum(grid.lost for _, grid in grids), description)
 
 
-def _report(name: str, channel: Channel, role: str | None, clock: _Clock, unit: str | None) -> ChannelReport:
+def _channel_report(name: str, channel: Channel, role: str | None, clock: _Clock,
+                    unit: str | None) -> ChannelReport:
     """The numbers of one channel."""
     values, time = channel.values[clock.keep], channel.time[clock.keep]
     finite = values[np.isfinite(values)]
-    _, spikes = despiked(values)
+    _, spikes = remove_spikes(values)
     return ChannelReport(
         name, unit, role, len(values), len(values) - len(finite),
         float(time[0]) if len(time) else 0.0, float(time[-1] - time[0]) if len(time) else 0.0,
         clock.rate, clock.jitter,
         float(finite.min()) if len(finite) else None, float(finite.max()) if len(finite) else None,
-        clock.gaps, clock.lost, quantum(values), clock.keep[spikes], held(values), clock.told)
+        clock.gaps, clock.lost, quantisation_step(values), clock.keep[spikes], hold_count(values),
+        clock.description)

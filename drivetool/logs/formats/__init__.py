@@ -1,6 +1,6 @@
 """A path to a log comes in, and a recording with its digest goes out.
 
-The suffix chooses the reader. A look at start and notes, and the summary of a site, are read here as well.
+The suffix chooses the reader. Start and metadata of a recording, and the summary of a site, are read here as well.
 """
 
 import lazy_loader

@@ -10,7 +10,7 @@ from functools import partial
 from pathlib import Path
 
 from drivetool.errors import BadRecording
-from drivetool.logs import Recording, shown
+from drivetool.logs import Recording, display_name
 from drivetool.logs.channels import ChannelMap, Choose, Reader, choose_channels
 from drivetool.logs.formats.tables import read_parquet
 
@@ -31,8 +31,8 @@ def read_recording(path: str | Path, channel_map: ChannelMap | None = None,
 
     path         .parquet or .mcap, or a folder of the parts of a .parquet
     channel_map  which channel plays which role; None takes channels named like the roles
-    choose       other channels than those of the roles: names there are -> names to read; then
-                 what cannot be read is left out and said, instead of refused
+    choose       other channels than those of the roles: available names -> names to read; then
+                 what cannot be read is left out and reported, not refused
     further      roles that the drive has besides those of the table; without a map channels may be named like them
     returns      Recording
     raises       BadRecording: no such file, wrong suffix, empty, unreadable, no such channels
@@ -43,31 +43,31 @@ def read_recording(path: str | Path, channel_map: ChannelMap | None = None,
         raise BadRecording("a recording", f"no file {path}", "Check the path.")
     kind = ".parquet" if path.is_dir() else path.suffix.lower()
     if kind not in READERS:
-        raise BadRecording("a recording with a known suffix", shown(path),
+        raise BadRecording("a recording with a known suffix", display_name(path),
                            "Export the log to Parquet or MCAP.", READERS)
     if not path.is_dir() and path.stat().st_size == 0:
-        raise BadRecording(f"data in {shown(path)}", "an empty file", "Record or export it again.")
+        raise BadRecording(f"data in {display_name(path)}", "an empty file", "Record or export it again.")
     lenient = choose is not None
     if choose is None:
-        choose = partial(_for_roles, channel_map=channel_map, log=shown(path), further=further)
+        choose = partial(_channels_of_roles, channel_map=channel_map, log=display_name(path), further=further)
     with ThreadPoolExecutor(1) as pool:
         # Beside the reading: it takes a quarter of the time, and both let go of the interpreter.
-        sha256 = pool.submit(_digest, path)
+        sha256 = pool.submit(_file_digest, path)
         recording = READERS[kind](path, choose, channel_map, lenient)
         return replace(recording, sha256=sha256.result())
 
 
-def _digest(path: Path) -> str:
+def _file_digest(path: Path) -> str:
     """SHA-256 of a file; of a folder, that of the digests of its parts by name."""
     if path.is_dir():
         parts = sorted(path.rglob("*.parquet"))
-        return hashlib.sha256("".join(f"{part.relative_to(path).as_posix()} {_digest(part)}\n"
+        return hashlib.sha256("".join(f"{part.relative_to(path).as_posix()} {_file_digest(part)}\n"
                                       for part in parts).encode()).hexdigest()
     with path.open("rb") as file:
         return hashlib.file_digest(file, "sha256").hexdigest()
 
 
-def _for_roles(available: Sequence[str], channel_map: ChannelMap | None, log: str,
-               further: Sequence[str]) -> Sequence[str]:
+def _channels_of_roles(available: Sequence[str], channel_map: ChannelMap | None, log: str,
+                       further: Sequence[str]) -> Sequence[str]:
     """The channels that play a role."""
     return list(choose_channels(available, channel_map, log, further).values())

@@ -1,6 +1,6 @@
 """Values of one signal come in, with their stamps where needed.
 
-Spikes, wrapped counters, samples that nobody measured, and speeds that disagree with angles go out, as repaired
+Spikes, wrapped counters, samples that no sensor measured, and speeds that disagree with angles go out, as repaired
 values or findings.
 """
 

@@ -1,4 +1,4 @@
-"""Does the logged speed agree with the logged angle?"""
+"""Tests whether the logged speed agrees with the logged angle."""
 
 from __future__ import annotations
 
@@ -9,18 +9,17 @@ import numpy as np
 
 from drivetool.errors import Finding
 
-SCALE_TOLERANCE = 0.02
-CORRELATION = 0.9
-DELAY_SAMPLES = 0.5
-# More says no more, and takes longer.
-MAX_SAMPLES = 100_000
-MAX_LAG = 200
-# Log likelihood ratio per added parameter from which a lag counts as seen (5 standard deviations).
-SURE = 12.5
+SCALE_TOLERANCE = 0.02  # a choice: rounded gear ratios and rated values differ by less, wrong units by far more
+MIN_SPEED_CORRELATION = 0.9  # a choice: below it (81 % of the variance) scale and delay have no meaning
+MIN_SPEED_DELAY = 0.5  # averaging over a sampling interval alone makes half a sample of delay
+MAX_COMPARED_SAMPLES = 100_000  # a choice: more do not change the result and take longer
+MAX_SPEED_LAG = 200  # samples, a choice: longer delays come from a wrong clock (clocks/clock_offset.py)
+# Log likelihood ratio of one added parameter from which a lag is significant: 5^2 / 2, five standard deviations.
+MIN_LAG_LIKELIHOOD_GAIN = 12.5
 
 
 @dataclass(frozen=True)
-class Agreement:
+class SpeedAgreement:
     """How well the logged speed follows from the differentiated angle in one way.
 
     correlation  signed; ratio: std of what follows from the angle over std of the logged speed
@@ -63,20 +62,20 @@ def compare_speed_and_angle(angle: np.ndarray, speed: np.ndarray, step: float,
     regression.
 
     angle, speed  (n,) with NaN where missing; step [s]; segments without a gap; body for messages
-    returns       findings speed-sign, speed-scale, speed-delay, speed-filtered, speed-angle-mismatch;
-                  none if the motion does not stand out of the encoder's steps
+    returns       findings speed-angle-mismatch, speed-delay, speed-filtered;
+                  none if the motion does not exceed the encoder's quantisation noise
     """
-    run = _longest_run(np.isfinite(angle) & np.isfinite(speed), segments)
+    run = _longest_common_run(np.isfinite(angle) & np.isfinite(speed), segments)
     theta, omega = angle[run], speed[run]
     if len(theta) < 50 or np.ptp(theta) == 0 or np.ptp(omega) == 0:
         return []
     derived = (theta[2:] - theta[:-2]) / (2 * step)
     logged = (omega[:-2] + 4 * omega[1:-1] + omega[2:]) / 6
-    found = _best(derived, logged, _resolution(theta) / step)
-    return _judge(*found, body, step) if found else []
+    found = _best_averaging(derived, logged, _encoder_resolution(theta) / step)
+    return _agreement_findings(*found, body, step) if found else []
 
 
-def _longest_run(known: np.ndarray, segments: Iterable[tuple[int, int]]) -> slice:
+def _longest_common_run(known: np.ndarray, segments: Iterable[tuple[int, int]]) -> slice:
     """The longest stretch where both are known, within one segment."""
     best = slice(0, 0)
     for first, last in segments:
@@ -84,118 +83,119 @@ def _longest_run(known: np.ndarray, segments: Iterable[tuple[int, int]]) -> slic
         for a, b in np.flatnonzero(np.diff(part.astype(np.int8))).reshape(-1, 2):
             if b - a > best.stop - best.start:
                 best = slice(first + int(a), first + int(b))
-    return slice(best.start, min(best.stop, best.start + MAX_SAMPLES))
+    return slice(best.start, min(best.stop, best.start + MAX_COMPARED_SAMPLES))
 
 
-def _resolution(theta: np.ndarray) -> float:
+def _encoder_resolution(theta: np.ndarray) -> float:
     """The encoder's step: the smallest change above rounding."""
     change = np.abs(np.diff(theta))
     change = change[change > 1e-9 * np.ptp(theta)]
     return float(change.min()) if len(change) else 0.0
 
 
-def _best(derived: np.ndarray, logged: np.ndarray,
-          rate: float) -> tuple[Agreement, Agreement, Agreement] | None:
+def _best_averaging(derived: np.ndarray, logged: np.ndarray,
+                    rate: float) -> tuple[SpeedAgreement, SpeedAgreement, SpeedAgreement] | None:
     """(equal, delayed, filtered) at the averaging length where one of them explains most.
 
-    rate: one encoder step per sample [rad/s]; lengths at which the motion does not stand out of the
-    encoder's steps are not considered; None if that leaves none.
+    rate: one encoder step per sample [rad/s]; lengths at which the motion does not exceed the
+    encoder's quantisation noise are not considered; None if that leaves none.
     """
     best, length = None, 1
     while length <= len(derived) // 20:
-        a, b = _average(derived, length), _average(logged, length)
+        a, b = _moving_average(derived, length), _moving_average(logged, length)
         # Difference of two roundings, each uniform over one step, across the averaged stretch.
         rounding = rate / np.sqrt(6) / (length + 1)
         if min(np.std(a), np.std(b)) > 0 and np.std(a) > 5 * rounding:
-            found = (_compare(a, b, 0.0, length), _delayed(a, b, length), _filtered(a, b, length))
+            found = (_agreement(a, b, 0.0, length), _agreement_delayed(a, b, length),
+                     _agreement_filtered(a, b, length))
             if best is None or min(f.unexplained for f in found) < min(f.unexplained for f in best):
                 best = found
         length *= 2
     return best
 
 
-def _average(values: np.ndarray, length: int) -> np.ndarray:
+def _moving_average(values: np.ndarray, length: int) -> np.ndarray:
     """Moving average, without its ends."""
     total = np.concatenate([[0.0], np.cumsum(values - values.mean())])
     return (total[length:] - total[:-length]) / length
 
 
-def _compare(a: np.ndarray, b: np.ndarray, lag: float, length: int) -> Agreement:
+def _agreement(a: np.ndarray, b: np.ndarray, lag: float, length: int) -> SpeedAgreement:
     """Agreement of b with a as they are."""
-    spread_a, spread_b = float(np.std(a)), float(np.std(b))
-    if min(spread_a, spread_b) == 0.0:
-        return Agreement(0.0, 1.0, lag, length, len(a) / length)
-    together = float(np.mean((a - a.mean()) * (b - b.mean())))
-    return Agreement(together / (spread_a * spread_b), spread_a / spread_b, lag, length, len(a) / length)
+    std_a, std_b = float(np.std(a)), float(np.std(b))
+    if min(std_a, std_b) == 0.0:
+        return SpeedAgreement(0.0, 1.0, lag, length, len(a) / length)
+    covariance = float(np.mean((a - a.mean()) * (b - b.mean())))
+    return SpeedAgreement(covariance / (std_a * std_b), std_a / std_b, lag, length, len(a) / length)
 
 
-def _delayed(a: np.ndarray, b: np.ndarray, length: int) -> Agreement:
+def _agreement_delayed(a: np.ndarray, b: np.ndarray, length: int) -> SpeedAgreement:
     """Agreement of b with a delayed by the best lag (positive: b is late)."""
     from scipy.signal import correlate
 
-    reach = min(MAX_LAG, len(a) // 4)
+    reach = min(MAX_SPEED_LAG, len(a) // 4)
     part = b[reach:len(b) - reach] - b[reach:len(b) - reach].mean()
     n = len(part)
     # Normalised within the very samples that are compared, or a slow motion would favour a wrong lag.
     total, square = (np.concatenate([[0.0], np.cumsum(x)]) for x in (a, a * a))
     energy = square[n:] - square[:-n] - (total[n:] - total[:-n])**2 / n
-    # Where nothing moves, rounding would look like agreement.
+    # At standstill, rounding would look like agreement.
     size = np.sqrt(np.maximum(energy, 1e-6 * energy.max()) * (part @ part))
     if not np.all(size > 0):
-        return _compare(a, b, 0.0, length)
+        return _agreement(a, b, 0.0, length)
     # From -reach (b early) to reach (b late).
     curve = (correlate(a, part, mode="valid", method="fft") / size)[::-1]
     height = np.abs(curve)
     # A periodic motion agrees again one period later: climb from the nearest of near equals.
-    close = np.flatnonzero(height > height.max() - 0.1 * max(0.0, 1 - height.max()) - 1e-3)
-    at = int(close[np.argmin(np.abs(close - reach))])
+    near_maximum = np.flatnonzero(height > height.max() - 0.1 * max(0.0, 1 - height.max()) - 1e-3)
+    at = int(near_maximum[np.argmin(np.abs(near_maximum - reach))])
     while 0 < at < 2 * reach and height[at] < max(height[at - 1], height[at + 1]):
         at += 1 if height[at + 1] > height[at - 1] else -1
     lag, peak = float(at - reach), float(height[at])
     if 0 < at < 2 * reach:
         left, mid, right = height[at - 1:at + 2]
-        bend = left - 2 * mid + right
-        if bend < 0:
-            lag += float(0.5 * (left - right) / bend)
-            peak = mid - 0.125 * (left - right)**2 / bend
-    return Agreement(float(np.sign(curve[at]) * min(peak, 1.0)), float(np.std(a) / np.std(b)), lag,
-                     length, len(a) / length)
+        curvature = left - 2 * mid + right
+        if curvature < 0:
+            lag += float(0.5 * (left - right) / curvature)
+            peak = mid - 0.125 * (left - right)**2 / curvature
+    return SpeedAgreement(float(np.sign(curve[at]) * min(peak, 1.0)), float(np.std(a) / np.std(b)), lag,
+                          length, len(a) / length)
 
 
-def _filtered(a: np.ndarray, b: np.ndarray, length: int) -> Agreement:
+def _agreement_filtered(a: np.ndarray, b: np.ndarray, length: int) -> SpeedAgreement:
     """Agreement of b with a behind the best first-order low-pass (bilinear)."""
     from scipy.optimize import minimize_scalar
     from scipy.signal import lfilter
 
     def behind(log_tau):
         tau = np.exp(log_tau)
-        skip = min(len(a) // 4, int(5 * tau))  # the filter's unknown start
-        return lfilter([1, 1], [1 + 2 * tau, 1 - 2 * tau], a)[skip:], b[skip:], tau
+        transient = min(len(a) // 4, int(5 * tau))  # the filter's unknown start
+        return lfilter([1, 1], [1 + 2 * tau, 1 - 2 * tau], a)[transient:], b[transient:], tau
 
     def unexplained(log_tau):
         x, y, tau = behind(log_tau)
-        return _compare(x, y, tau, length).unexplained
+        return _agreement(x, y, tau, length).unexplained
 
     best = minimize_scalar(unexplained, bounds=(np.log(0.1), np.log(len(a) / 20)), method="bounded",
                            options={"xatol": 1e-3})
     x, y, tau = behind(best.x)
-    return _compare(x, y, float(tau), length)
+    return _agreement(x, y, float(tau), length)
 
 
-def _judge(equal: Agreement, delayed: Agreement, filtered: Agreement, body: str,
-           step: float) -> list[Finding]:
-    """What the agreement says, in sentences."""
+def _agreement_findings(equal: SpeedAgreement, delayed: SpeedAgreement, filtered: SpeedAgreement, body: str,
+                        step: float) -> list[Finding]:
+    """The findings that follow from the agreement."""
     def gain(other):
         return 0.5 * equal.count * np.log(equal.unexplained / other.unexplained)
 
-    # A filter is named only if a plain delay explains surely less.
-    best = filtered if gain(filtered) > gain(delayed) + SURE else delayed
-    if gain(best) < SURE or abs(best.lag) < DELAY_SAMPLES:
+    # A filter is reported only if it explains significantly more than a plain delay.
+    best = filtered if gain(filtered) > gain(delayed) + MIN_LAG_LIKELIHOOD_GAIN else delayed
+    if gain(best) < MIN_LAG_LIKELIHOOD_GAIN or abs(best.lag) < MIN_SPEED_DELAY:
         best = equal
     angle, speed = f"{body}_angle", f"{body}_speed"
     evidence = {"correlation": best.correlation, "scale": best.ratio, "lag": best.lag * step,
                 "averaged_over": best.length * step}
-    if abs(best.correlation) < CORRELATION:
+    if abs(best.correlation) < MIN_SPEED_CORRELATION:
         return [Finding(
             "warning", "speed-angle-mismatch",
             f"{speed} and the differentiated {angle} do not agree: correlation {best.correlation:.2f}.",
@@ -216,12 +216,13 @@ def _judge(equal: Agreement, delayed: Agreement, filtered: Agreement, body: str,
             f"Use {angle} as the output, or correct the clock of one of them."))
     if best.correlation < 0:
         findings.append(Finding(
-            "warning", "speed-sign", f"{speed} and the differentiated {angle} have opposite signs.", evidence,
+            "warning", "speed-angle-mismatch",
+            f"{speed} and the differentiated {angle} have opposite signs.", evidence,
             "Set `sign: -1` for one of them in the channel map."))
     size, error = abs(best.correlation), 3 * np.sqrt(best.unexplained / best.count)
     least, most = best.ratio * size * (1 - error), best.ratio / size * (1 + error)
     if least > 1 + SCALE_TOLERANCE or most < 1 - SCALE_TOLERANCE:
         findings.append(Finding(
-            "warning", "speed-scale", f"The differentiated {angle} is {best.ratio:.3g} times {speed}.",
+            "warning", "speed-angle-mismatch", f"The differentiated {angle} is {best.ratio:.3g} times {speed}.",
             evidence, "Check units, scales and ratios in the channel map."))
     return findings

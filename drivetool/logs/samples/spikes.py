@@ -1,15 +1,16 @@
-"""What single samples tell: spikes, the step of quantisation, values that are only repeated."""
+"""Tests of single samples: spikes, the quantisation step, values that are only repeated."""
 
 from __future__ import annotations
 
 import numpy as np
 
-# A median absolute deviation of normal noise times this is its standard deviation.
-MAD = 1.4826
-BLOCK = 100_000
+# A median absolute deviation of normal noise times this, 1 / 0.6745, is its standard deviation.
+STD_PER_MAD = 1.4826
+# Samples of a running median at once. A choice: windows of all samples at once would fill the memory.
+MEDIAN_BLOCK_SAMPLES = 100_000
 
 
-def despiked(values: np.ndarray, window: int = 7, threshold: float = 5.0) -> tuple[np.ndarray, np.ndarray]:
+def remove_spikes(values: np.ndarray, window: int = 7, threshold: float = 5.0) -> tuple[np.ndarray, np.ndarray]:
     """Spikes replaced by the running median.
 
     values     (n,), NaN where missing; window: samples around each one, made odd
@@ -24,12 +25,12 @@ def despiked(values: np.ndarray, window: int = 7, threshold: float = 5.0) -> tup
     if len(known) < 2 * half + 1:
         return values, spikes
     given = values[known]
-    median, spread = running(given, half)
-    away = np.abs(given - median)
+    median, local_mad = running_median(given, half)
+    distance = np.abs(given - median)
     # On a ramp a sample is often its own median; second differences see the noise there too.
-    rough = np.median(np.abs(np.diff(given, 2))) / np.sqrt(6)
-    limit = threshold * MAD * np.maximum(spread, max(np.median(away), rough))
-    found = away > np.maximum(limit, 1.5 * quantum(given))
+    global_noise = np.median(np.abs(np.diff(given, 2))) / np.sqrt(6)
+    limit = threshold * STD_PER_MAD * np.maximum(local_mad, max(np.median(distance), global_noise))
+    found = distance > np.maximum(limit, 1.5 * quantisation_step(given))
     spikes[known] = found
     if not found.any():
         return values, spikes
@@ -38,20 +39,20 @@ def despiked(values: np.ndarray, window: int = 7, threshold: float = 5.0) -> tup
     return values, spikes
 
 
-def running(values: np.ndarray, half: int) -> tuple[np.ndarray, np.ndarray]:
+def running_median(values: np.ndarray, half: int) -> tuple[np.ndarray, np.ndarray]:
     """(running median, median absolute deviation from it in the window), ends mirrored."""
     padded = np.pad(values, half, mode="reflect")
     windows = np.lib.stride_tricks.sliding_window_view(padded, 2 * half + 1)
-    median, spread = np.empty(len(values)), np.empty(len(values))
-    for first in range(0, len(values), BLOCK):
-        part = windows[first:first + BLOCK]
+    median, mad = np.empty(len(values)), np.empty(len(values))
+    for first in range(0, len(values), MEDIAN_BLOCK_SAMPLES):
+        part = windows[first:first + MEDIAN_BLOCK_SAMPLES]
         middle = np.median(part, axis=1)
-        median[first:first + BLOCK] = middle
-        spread[first:first + BLOCK] = np.median(np.abs(part - middle[:, None]), axis=1)
-    return median, spread
+        median[first:first + MEDIAN_BLOCK_SAMPLES] = middle
+        mad[first:first + MEDIAN_BLOCK_SAMPLES] = np.median(np.abs(part - middle[:, None]), axis=1)
+    return median, mad
 
 
-def quantum(values: np.ndarray) -> float:
+def quantisation_step(values: np.ndarray) -> float:
     """The step in which values (n,) are quantised; 0.0 if they are not.
 
     Taken is the smallest change above rounding, if nearly all changes are whole multiples of it.
@@ -65,17 +66,17 @@ def quantum(values: np.ndarray) -> float:
         return 0.0
     least = float(change.min())
     # The least change seen may be a few steps.
-    for several in range(1, 9):
-        small = change[change < 1e5 * least / several]
+    for divisor in range(1, 9):
+        small = change[change < 1e5 * least / divisor]
         # Refined over the changes, so that rounding of the least one does not add up.
-        step = float(small.sum() / np.round(several * small / least).sum()) if len(small) else 0.0
+        step = float(small.sum() / np.round(divisor * small / least).sum()) if len(small) else 0.0
         off = np.abs(small / step - np.round(small / step)) if step else np.ones(1)
         if float(np.mean(off < 0.05)) * len(small) / len(change) > 0.95:
             return step
     return 0.0
 
 
-def held(values: np.ndarray) -> int:
+def hold_count(values: np.ndarray) -> int:
     """How often every value appears in a row; 1 where values just happen to repeat.
 
     values  (n,), NaN where missing. Held means: nearly all runs are of one length, and the values
@@ -89,5 +90,5 @@ def held(values: np.ndarray) -> int:
     usual = int(np.median(runs))
     if usual < 2 or np.mean(np.abs(runs - usual) <= 0.1 * usual) < 0.9:
         return 1
-    step = quantum(values)
+    step = quantisation_step(values)
     return 1 if step and np.median(np.abs(np.diff(values))[change]) < 3 * step else usual

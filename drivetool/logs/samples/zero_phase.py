@@ -6,8 +6,8 @@ from collections.abc import Iterable, Iterator
 
 import numpy as np
 
-# Missing values up to so many are bridged for the filter; they stay missing in the result.
-BRIDGED = 3
+# A choice: up to so many missing values in a row are interpolated for the filter; they stay missing in the result.
+MAX_BRIDGED_SAMPLES = 3
 
 
 def low_pass(values: np.ndarray, segments: Iterable[tuple[int, int]], cutoff: float, order: int) -> np.ndarray:
@@ -19,26 +19,26 @@ def low_pass(values: np.ndarray, segments: Iterable[tuple[int, int]], cutoff: fl
     from scipy.signal import butter, sosfiltfilt
 
     sections = butter(order, 2 * cutoff, output="sos")
-    # The start of the filter is felt for a few periods of its cut-off.
-    usual = max(3 * (2 * len(sections) + 1), int(np.ceil(3 / cutoff)))
+    # The initial transient of the filter lasts a few periods of its cut-off.
+    padding = max(3 * (2 * len(sections) + 1), int(np.ceil(3 / cutoff)))
     filtered = values.copy()
     for first, last in segments:
-        for a, b in _stretches(values, first, last):
+        for a, b in _bridged_stretches(values, first, last):
             part = values[a:b]
             known = np.isfinite(part)
             place = np.arange(b - a)
             even = part if known.all() else np.interp(place, place[known], part[known])
             if len(even) > 3:
-                even = sosfiltfilt(sections, even, padlen=min(usual, len(even) - 1))
+                even = sosfiltfilt(sections, even, padlen=min(padding, len(even) - 1))
             filtered[a:b] = np.where(known, even, np.nan)
     return filtered
 
 
-def _stretches(values: np.ndarray, first: int, last: int) -> Iterator[tuple[int, int]]:
-    """Stretches that begin and end with a value and lack at most BRIDGED in a row."""
+def _bridged_stretches(values: np.ndarray, first: int, last: int) -> Iterator[tuple[int, int]]:
+    """Stretches that begin and end with a value and lack at most MAX_BRIDGED_SAMPLES in a row."""
     known = first + np.flatnonzero(np.isfinite(values[first:last]))
     if len(known):
-        cuts = np.flatnonzero(np.diff(known) > BRIDGED + 1)
+        cuts = np.flatnonzero(np.diff(known) > MAX_BRIDGED_SAMPLES + 1)
         begins = np.concatenate([[known[0]], known[cuts + 1]])
         ends = np.concatenate([known[cuts], [known[-1]]]) + 1
         yield from zip(begins.tolist(), ends.tolist(), strict=True)

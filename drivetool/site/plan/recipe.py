@@ -13,28 +13,28 @@ from typing import Any
 from drivetool.errors import BadParameters, nearest
 from drivetool.files.shapes import SiteFile, StepSection
 from drivetool.files.yaml import load_channel_map
-from drivetool.site.plan.recordings import digest
+from drivetool.site.plan.recordings import file_sha256
 from drivetool.site.plan.site_file import step_name
 
 # The commands that read recordings and write one file.
-COMMANDS = ("steady", "blackbox", "greybox", "backlash", "validate", "compare", "diagnose")
-# What a batch says itself, and pictures and pages, which it does not write.
-TAKEN = ("out", "json", "plot", "report", "quiet", "explain")
-# Not part of what a result depends on.
-NO_INPUT = ("logs", "debug", *TAKEN)
-Parse = Callable[[str, Sequence[str]], dict[str, Any] | str]
-A_LOG = "recording"  # stands for the recordings where the words are checked
+STEP_COMMANDS = ("steady", "blackbox", "greybox", "backlash", "validate", "compare", "diagnose")
+# Options that a batch sets itself, and those of pictures and pages, which it does not write.
+BATCH_OPTIONS = ("out", "json", "plot", "report", "quiet", "explain")
+# Options on which a result does not depend.
+OPTIONS_WITHOUT_EFFECT = ("logs", "debug", *BATCH_OPTIONS)
+ParseWords = Callable[[str, Sequence[str]], dict[str, Any] | str]
+LOG_PLACEHOLDER = "recording"  # stands for the recordings when the options are checked
 
 
 @dataclass(frozen=True)
-class Step:
+class RecipeStep:
     """One step of the recipe.
 
-    name     what its files are called
+    name     of its files
     command  first word; words: the others as typed
-    params   names of the earlier steps whose files go in
+    params   names of the earlier steps whose files it reads
     options  every option with its value, given or not
-    files    files that the words name, from the folder of the site file -> sha256; map: the channel map of these
+    files    files named in the words, from the folder of the site file -> sha256; map: the channel map of these
     judge    next, previous, a kind, or None
     """
 
@@ -50,54 +50,56 @@ class Step:
     map: str | None = None
 
 
-def steps_of(site: SiteFile, folder: Path, name: str, parse: Parse) -> tuple[Step, ...]:
+def steps_of(site: SiteFile, folder: Path, name: str, parse: ParseWords) -> tuple[RecipeStep, ...]:
     """The steps of a recipe.
 
     folder  of the site file; name: of the file, for messages
-    parse   (command, words) -> its options by name as the command would get them, or why it takes no such words
+    parse   (command, words) -> its options by name as the command would get them, or why it rejects them
     raises  BadParameters: an unknown command or option, one that a batch sets itself, a file that cannot be read
     """
-    return tuple(_step(section, folder, f"recipe[{i}] of {name}", parse) for i, section in enumerate(site.recipe))
+    return tuple(_parse_step(section, folder, f"recipe[{i}] of {name}", parse)
+                 for i, section in enumerate(site.recipe))
 
 
-def _step(section: StepSection, folder: Path, where: str, parse: Parse) -> Step:
+def _parse_step(section: StepSection, folder: Path, where: str, parse: ParseWords) -> RecipeStep:
     try:
         command, *words = shlex.split(section.command)
     except ValueError as error:
         raise BadParameters(f"a command as typed in a shell at {where}", f"'{section.command}' ({error})",
                             "Close the quotation mark.") from None
-    if command not in COMMANDS:
-        raise BadParameters(f"a step that a batch can do at {where}", f"'{command}'", nearest(command, COMMANDS))
-    given = ["--params", "-"] if section.params else []
-    asked = _parsed(parse, command, [A_LOG, *words, *given], section.command, where)
-    if asked["logs"] != [A_LOG]:
-        raise BadParameters(f"a command without recordings at {where}", f"'{' '.join(asked['logs'][1:])}' in it",
+    if command not in STEP_COMMANDS:
+        raise BadParameters(f"a step that a batch can do at {where}", f"'{command}'",
+                            nearest(command, STEP_COMMANDS))
+    params_words = ["--params", "-"] if section.params else []
+    parsed = _parse_options(parse, command, [LOG_PLACEHOLDER, *words, *params_words], section.command, where)
+    if parsed["logs"] != [LOG_PLACEHOLDER]:
+        raise BadParameters(f"a command without recordings at {where}", f"'{' '.join(parsed['logs'][1:])}' in it",
                             "Leave it out; kind says which recordings the step reads.")
-    plain = _parsed(parse, command, [A_LOG, "--params", "-"], command, where)
-    for option in TAKEN:
-        if option in asked and asked[option] != plain[option]:
+    defaults = _parse_options(parse, command, [LOG_PLACEHOLDER, "--params", "-"], command, where)
+    for option in BATCH_OPTIONS:
+        if option in parsed and parsed[option] != defaults[option]:
             raise BadParameters(f"no --{option} at {where}", f"'{section.command}'",
                                 "Leave it out: a batch names the files itself, and draws no pictures.")
-    options = {key: _plain(value) for key, value in asked.items() if key not in NO_INPUT}
-    words_in = [text for value in options.values() for text in (value if isinstance(value, list) else [value])]
-    files = [text for text in words_in if isinstance(text, str) and os.path.isfile(folder / text)]
-    files += [*asked["params"], *(asked.get("holdout") or ()), *filter(None, [asked["map"]])]
-    read = {name: _digest(name, folder, where) for name in files if name != "-"}
-    if asked["map"]:
-        load_channel_map(folder / asked["map"])
-    return Step(step_name(section), section.kind, command, tuple(words), tuple(section.params), section.joint,
-                section.judge, options, read, asked["map"])
+    options = {key: _json_value(value) for key, value in parsed.items() if key not in OPTIONS_WITHOUT_EFFECT}
+    option_values = [text for value in options.values() for text in (value if isinstance(value, list) else [value])]
+    files = [text for text in option_values if isinstance(text, str) and os.path.isfile(folder / text)]
+    files += [*parsed["params"], *(parsed.get("holdout") or ()), *filter(None, [parsed["map"]])]
+    checksums = {name: _file_checksum(name, folder, where) for name in files if name != "-"}
+    if parsed["map"]:
+        load_channel_map(folder / parsed["map"])
+    return RecipeStep(step_name(section), section.kind, command, tuple(words), tuple(section.params), section.joint,
+                section.judge, options, checksums, parsed["map"])
 
 
-def _digest(name: str, folder: Path, where: str) -> str:
+def _file_checksum(name: str, folder: Path, where: str) -> str:
     try:
-        return digest(folder / name)
+        return file_sha256(folder / name)
     except OSError as error:
         raise BadParameters(f"to read {name} at {where}", error.strerror or str(error),
                             "Correct the command; its paths count from the folder of the site file.") from None
 
 
-def _parsed(parse: Parse, command: str, words: Sequence[str], typed: str, where: str) -> dict[str, Any]:
+def _parse_options(parse: ParseWords, command: str, words: Sequence[str], typed: str, where: str) -> dict[str, Any]:
     """The options of a command line."""
     found = parse(command, words)
     if isinstance(found, str):
@@ -106,8 +108,8 @@ def _parsed(parse: Parse, command: str, words: Sequence[str], typed: str, where:
     return found
 
 
-def _plain(value: Any) -> Any:
-    """As JSON holds it."""
+def _json_value(value: Any) -> Any:
+    """The value as a JSON type."""
     if isinstance(value, Enum):
         return value.value
-    return [_plain(each) for each in value] if isinstance(value, list | tuple) else value
+    return [_json_value(each) for each in value] if isinstance(value, list | tuple) else value

@@ -1,4 +1,4 @@
-"""The recordings of a site: found by their patterns, told apart by content, ordered within their machines."""
+"""The recordings of a site: found by their patterns, identified by content, ordered within their machines."""
 
 from __future__ import annotations
 
@@ -14,15 +14,22 @@ from pathlib import Path, PurePosixPath
 from typing import Any
 
 from drivetool.errors import BadParameters
-from drivetool.files.disk import SUFFIXES
+from drivetool.files.disk import RECORDING_SUFFIXES
 from drivetool.files.shapes import MachineSection, RecordingsSection, SiteFile
 from drivetool.files.yaml import load_channel_map
-from drivetool.logs.formats.tables import natural
+from drivetool.logs.formats.tables import natural_order
 from drivetool.progress import counted
-from drivetool.site.plan.site_file import PLACE
-from drivetool.site.results import HEAD, NAME, PAGE, SUMMARY, TABLE, TRENDS
+from drivetool.site.plan.site_file import MACHINE_PLACEHOLDER
+from drivetool.site.results import (
+    MANIFEST_FILE,
+    MANIFEST_FIRST_LINE,
+    OVERVIEW_PAGE,
+    SUMMARY_CSV,
+    SUMMARY_PARQUET,
+    TRENDS_FILE,
+)
 
-ONE_MACHINE = "machine"  # of recordings beside the site file, where nothing says to which machine they belong
+DEFAULT_MACHINE = "machine"  # of recordings beside the site file without the name of a machine
 
 
 @dataclass(frozen=True)
@@ -32,7 +39,7 @@ class Recording:
     path     from the folder of the site file, with /
     section  of the site file that it belongs to; kind, map: as said there
     folder   of its results, from the folder of all results
-    machine  empty where it cannot be told, with the reason in `problem`
+    machine  empty where it is unknown, with the reason in `problem`
     start    when it began (UTC, ISO 8601), None without absolute time
     order    place in the machine's order, from one
     """
@@ -53,8 +60,8 @@ class Recording:
         return self.section.kind
 
     @property
-    def look(self) -> tuple[str, str]:
-        """What the look into it is known by."""
+    def header_key(self) -> tuple[str, str]:
+        """The key of its header in the manifest."""
         return self.sha256 + PurePosixPath(self.path).suffix.lower(), self.map_sha256 or ""
 
 
@@ -67,54 +74,55 @@ class Machine:
     by_name: bool = False
 
 
-def digest(path: str | Path) -> str:
+def file_sha256(path: str | Path) -> str:
     """SHA-256 of a file."""
     with open(path, "rb") as stream:
         return hashlib.file_digest(stream, "sha256").hexdigest()
 
 
-def find(site: SiteFile, folder: Path, out: Path) -> list[Recording]:
+def find_recordings(site: SiteFile, folder: Path, out: Path) -> list[Recording]:
     """The recordings of the site in the order of their paths; their content is known, their machine not yet.
 
-    folder  of the site file; out: of the results, where no recordings are looked for
+    folder  of the site file; out: of the results, which is not searched
     raises  BadParameters: a pattern that matches nothing, a map that is not there or wrong
     """
     found: dict[str, RecordingsSection] = {}
     for section in site.recordings:
-        paths = _matching(section.files, folder, out)
+        paths = _paths_matching(section.files, folder, out)
         if not paths:
             beside = f" but in that of the results, {out}" if folder.is_relative_to(out) else ""
             raise BadParameters(
-                f"recordings ({', '.join(SUFFIXES)}) that match '{section.files}'",
+                f"recordings ({', '.join(RECORDING_SUFFIXES)}) that match '{section.files}'",
                 f"none from the folder {folder}{beside}",
                 "Correct the pattern; it counts from the folder of the site file, and ** stands for any folders.")
         for path in paths:
             found.setdefault(path, section)
-    maps = {section.map: _map_digest(section.map, folder) for section in site.recordings if section.map}
-    paths = sorted(found, key=lambda path: natural(Path(path)))
-    folders = _folders(paths)
-    return [Recording(path, found[path], content_of(path, folder), maps.get(found[path].map or ""), folders[path])
+    maps = {section.map: _map_sha256(section.map, folder) for section in site.recordings if section.map}
+    paths = sorted(found, key=lambda path: natural_order(Path(path)))
+    folders = _result_folders(paths)
+    return [Recording(path, found[path], recording_sha256(path, folder), maps.get(found[path].map or ""),
+                      folders[path])
             for path in counted("compare the recordings with the last run", paths, len(paths))]
 
 
-def content_of(path: str, folder: Path) -> str:
-    """SHA-256 of a recording; a word of its own for one that cannot be read, or whose name is no text."""
+def recording_sha256(path: str, folder: Path) -> str:
+    """SHA-256 of a recording; a unique word for one that cannot be read, or whose name is not valid text."""
     try:
         path.encode()
-        return digest(folder / path)
+        return file_sha256(folder / path)
     except (OSError, UnicodeEncodeError):
         return f"unread {path}"
 
 
-def _matching(pattern: str, folder: Path, out: Path) -> list[str]:
+def _paths_matching(pattern: str, folder: Path, out: Path) -> list[str]:
     """Recordings of a pattern, without those that are results of a batch.
 
-    The name of a file that is there stands for itself, whatever signs are in it.
+    The name of an existing file is taken literally, even with wildcard characters.
     """
     paths = []
     pattern = os.path.expanduser(pattern)
-    one = os.path.isfile(folder / pattern)
-    for each in [pattern] if one else glob.glob(pattern, root_dir=folder, recursive=True):
+    is_file = os.path.isfile(folder / pattern)
+    for each in [pattern] if is_file else glob.glob(pattern, root_dir=folder, recursive=True):
         full = Path(os.path.normpath(folder / each))
         if is_recording(full, folder) and not full.is_relative_to(out):
             paths.append(PurePosixPath(os.path.relpath(full, folder).replace(os.sep, "/")).as_posix())
@@ -122,28 +130,28 @@ def _matching(pattern: str, folder: Path, out: Path) -> list[str]:
 
 
 def is_recording(path: Path, folder: Path) -> bool:
-    """Whether a path is that of a recording, by its name and what the folders up to the given one are."""
+    """Whether a path is that of a recording, by its name and the kind of the folders above it."""
     above = [parent for parent in path.parents if parent != folder and not folder.is_relative_to(parent)]
-    return (path.suffix.lower() in SUFFIXES and not path.name.startswith(".") and path.is_file()
-            and not any(map(_is_passed_over, above)))
+    return (path.suffix.lower() in RECORDING_SUFFIXES and not path.name.startswith(".") and path.is_file()
+            and not any(map(_is_results_or_loop, above)))
 
 
 @cache
-def _is_passed_over(folder: Path) -> bool:
-    """Whether a folder is what a batch has written, or a link back to a folder that it lies in."""
+def _is_results_or_loop(folder: Path) -> bool:
+    """Whether a folder has results of a batch, or is a link to one of its parent folders."""
     if folder.is_symlink() and folder.parent.resolve().is_relative_to(folder.resolve()):
         return True
     try:
-        with open(folder / NAME, "rb") as stream:
-            return stream.read(len(HEAD)) == HEAD
+        with open(folder / MANIFEST_FILE, "rb") as stream:
+            return stream.read(len(MANIFEST_FIRST_LINE)) == MANIFEST_FIRST_LINE
     except OSError:
         return False
 
 
-def _map_digest(name: str, folder: Path) -> str:
-    """SHA-256 of a channel map that can be used."""
+def _map_sha256(name: str, folder: Path) -> str:
+    """SHA-256 of a valid channel map."""
     try:
-        sha = digest(folder / name)
+        sha = file_sha256(folder / name)
     except OSError as error:
         raise BadParameters(f"to read the channel map {name}", error.strerror or str(error),
                             "Correct the path at recordings of the site file.") from None
@@ -151,88 +159,92 @@ def _map_digest(name: str, folder: Path) -> str:
     return sha
 
 
-def _folders(paths: Sequence[str]) -> dict[str, str]:
-    """Where the results of each recording go: its path without suffix, unless two would share that."""
-    bare = {path: "/".join(part for part in PurePosixPath(path).with_suffix("").parts if part != "..")
+def _result_folders(paths: Sequence[str]) -> dict[str, str]:
+    """The folder of the results of each recording: its path without suffix, unless two would share it."""
+    without_suffix = {path: "/".join(part for part in PurePosixPath(path).with_suffix("").parts if part != "..")
             for path in paths}
-    many = Counter([*bare.values(), NAME, SUMMARY, TABLE, PAGE, TRENDS])
-    full = {path: bare[path] + (PurePosixPath(path).suffix if many[bare[path]] > 1 else "") for path in paths}
-    for name, count in Counter(full.values()).items():
+    name_counts = Counter([*without_suffix.values(), MANIFEST_FILE, SUMMARY_PARQUET, SUMMARY_CSV, OVERVIEW_PAGE,
+                           TRENDS_FILE])
+    folders = {path: bare + (PurePosixPath(path).suffix if name_counts[bare] > 1 else "")
+               for path, bare in without_suffix.items()}
+    for name, count in Counter(folders.values()).items():
         if count > 1:
             raise BadParameters("recordings whose paths differ in more than the folders above",
-                                " and ".join(path for path in paths if full[path] == name),
+                                " and ".join(path for path in paths if folders[path] == name),
                                 "Put the site file above the recordings.")
-    return full
+    return folders
 
 
-def machines_of(found: Iterable[Recording], looks: Mapping[tuple[str, str], Mapping[str, Any]],
-                folders: bool) -> tuple[list[Machine], list[Recording]]:
-    """(machines by name, each with its recordings in order; recordings whose machine cannot be told).
+def machines_of(found: Iterable[Recording], headers: Mapping[tuple[str, str], Mapping[str, Any]],
+                own_folders: bool) -> tuple[list[Machine], list[Recording]]:
+    """(machines by name, each with its recordings in order; recordings whose machine is unknown).
 
-    looks    what was seen in each, by Recording.look
-    folders  whether each machine has a folder of its own, named after it
+    headers  start and metadata of each, by Recording.header_key
+    own_folders  whether each machine has its own folder, named after it
     raises   BadParameters: two machines whose folders would be one
     """
     groups: dict[str, list[Recording]] = {}
-    lost = []
+    without_machine = []
     for recording in found:
-        seen = looks.get(recording.look) or {"start": None, "metadata": {}}
-        name, problem = _machine(recording, seen["metadata"])
-        known = replace(recording, machine=name, start=seen["start"], problem=problem)
+        header = headers.get(recording.header_key) or {"start": None, "metadata": {}}
+        name, problem = _machine_name(recording, header["metadata"])
+        placed = replace(recording, machine=name, start=header["start"], problem=problem)
         if problem:
-            lost.append(known)
+            without_machine.append(placed)
         else:
-            groups.setdefault(name, []).append(known)
-    for name, count in Counter(map(safe, groups)).items() if folders else ():
+            groups.setdefault(name, []).append(placed)
+    for name, count in Counter(map(safe_folder_name, groups)).items() if own_folders else ():
         if count > 1:
             raise BadParameters("machines whose names differ in letters or digits",
-                                " and ".join(sorted(n for n in groups if safe(n) == name)),
+                                " and ".join(sorted(n for n in groups if safe_folder_name(n) == name)),
                                 "Rename one of them: both would have the same folder.")
-    return [_ordered(name, groups[name]) for name in sorted(groups, key=lambda n: natural(Path(n)))], lost
+    return [_in_order(name, groups[name])
+            for name in sorted(groups, key=lambda n: natural_order(Path(n)))], without_machine
 
 
-def safe(name: str) -> str:
-    """A name as a folder may have it."""
+def safe_folder_name(name: str) -> str:
+    """A name without the characters that a folder may not have."""
     return "".join(c if c.isalnum() or c in " ._-" else "_" for c in name).lstrip(".") or "_"
 
 
-def _ordered(name: str, recordings: Sequence[Recording]) -> Machine:
-    """By start, and by name where that is equal; by name alone where one has no start: times cannot be compared."""
+def _in_order(name: str, recordings: Sequence[Recording]) -> Machine:
+    """By start, and by name where that is equal; by name alone where one has no start."""
     timed = all(recording.start is not None for recording in recordings)
 
     def place(recording: Recording) -> tuple[str, list[tuple[int, str]]]:
-        return recording.start or "" if timed else "", natural(Path(recording.path))
+        return recording.start or "" if timed else "", natural_order(Path(recording.path))
 
     ordered = sorted(recordings, key=place)
     return Machine(name, tuple(replace(r, order=i) for i, r in enumerate(ordered, 1)), not timed)
 
 
-def _machine(recording: Recording, metadata: Mapping[str, str]) -> tuple[str, str]:
+def _machine_name(recording: Recording, metadata: Mapping[str, str]) -> tuple[str, str]:
     """(name of the machine, why there is none)."""
-    given, path = recording.section.machine, PurePosixPath(recording.path)
-    if given is None:
-        given = MachineSection(folder=1) if len(path.parts) > 1 else ONE_MACHINE
-    if isinstance(given, str):
-        return given.strip(), ""
-    tell: tuple[str, Callable[[], str | None]]
-    if given.metadata is not None:
-        tell = f"the metadata '{given.metadata}'", lambda: metadata.get(given.metadata or "")
-    elif given.file is not None:
-        tell = f"a file name like '{given.file}'", lambda: _in_name(given.file or "", path.name)
+    section, path = recording.section.machine, PurePosixPath(recording.path)
+    if section is None:
+        section = MachineSection(folder=1) if len(path.parts) > 1 else DEFAULT_MACHINE
+    if isinstance(section, str):
+        return section.strip(), ""
+    source: tuple[str, Callable[[], str | None]]
+    if section.metadata is not None:
+        source = f"the metadata '{section.metadata}'", lambda: metadata.get(section.metadata or "")
+    elif section.file is not None:
+        source = f"a file name like '{section.file}'", lambda: _machine_in_file_name(section.file or "", path.name)
     else:
-        level = given.folder or 1
-        tell = f"folder {level} above it", lambda: path.parts[-1 - level] if len(path.parts) > level else None
-    name = (tell[1]() or "").strip()
+        level = section.folder or 1
+        source = f"folder {level} above it", lambda: path.parts[-1 - level] if len(path.parts) > level else None
+    name = (source[1]() or "").strip()
     if name and name != "..":
         return name, ""
-    there = f"only {', '.join(sorted(metadata)) or 'nothing'} there" if given.metadata else "none"
-    there = f"'{name}'" if name else there
-    return "", (f"wanted {tell[0]} to tell the machine of {recording.path}; found {there}. Correct machine at "
-                "recordings of the site file, or name the machine there.")
+    available = f"only {', '.join(sorted(metadata)) or 'nothing'} there" if section.metadata else "none"
+    available = f"'{name}'" if name else available
+    return "", (f"wanted {source[0]} to name the machine of {recording.path}; found {available}. Correct machine "
+                "at recordings of the site file, or name the machine there.")
 
 
-def _in_name(pattern: str, name: str) -> str | None:
-    """What stands in a file's name where the pattern has the machine; the shortest text that fits."""
-    before, after = (re.escape(part).replace(r"\*", ".*").replace(r"\?", ".") for part in pattern.split(PLACE))
+def _machine_in_file_name(pattern: str, name: str) -> str | None:
+    """The shortest text in a file's name that fits the place of the machine in the pattern."""
+    before, after = (re.escape(part).replace(r"\*", ".*").replace(r"\?", ".")
+                     for part in pattern.split(MACHINE_PLACEHOLDER))
     match = re.fullmatch(f"{before}(?P<machine>.+?){after}", name)
     return match["machine"] if match else None

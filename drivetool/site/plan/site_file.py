@@ -1,4 +1,4 @@
-"""The site file, read and checked: names that fit together, before anything runs."""
+"""The site file, read and checked: consistent names, before anything runs."""
 
 from __future__ import annotations
 
@@ -24,9 +24,9 @@ from drivetool.files.shapes import (
 )
 from drivetool.files.yaml import checked, from_yaml, units
 
-JUDGED = ("validate", "diagnose")  # the commands that a recording not fitted judges
-PLACE = "{machine}"
-_LISTS = {"recordings": RecordingsSection, "recipe": StepSection, "bars": BarSection}
+HOLDOUT_COMMANDS = ("validate", "diagnose")  # the commands that use held-out recordings
+MACHINE_PLACEHOLDER = "{machine}"
+_SECTION_TYPES = {"recordings": RecordingsSection, "recipe": StepSection, "bars": BarSection}
 
 
 def load_site(path: str | Path) -> SiteFile:
@@ -34,7 +34,7 @@ def load_site(path: str | Path) -> SiteFile:
 
     path     of the YAML file
     returns  SiteFile
-    raises   BadParameters: a file that cannot be read, an unknown key, names that do not fit together
+    raises   BadParameters: a file that cannot be read, an unknown key, inconsistent names
     """
     name = Path(path).name
     try:
@@ -46,9 +46,9 @@ def load_site(path: str | Path) -> SiteFile:
     if raw.get("schema") != SITE_SCHEMA:
         raise BadParameters(f"schema {SITE_SCHEMA}", f"{raw.get('schema') or 'no schema'} in {name}",
                             f"Begin the file with 'schema: {SITE_SCHEMA}'; `drivetool init` writes a first one.")
-    for key, shape in _LISTS.items():
-        for index, item in enumerate(checked.of_kind(raw.get(key, []), list, name, key, "site")):
-            _section(item, shape, name, f"{key}[{index}]")
+    for key, shape in _SECTION_TYPES.items():
+        for index, item in enumerate(checked.checked_kind(raw.get(key, []), list, name, key, "site")):
+            _check_section(item, shape, name, f"{key}[{index}]")
     site = checked.result_file(raw, SiteFile, name)
     _check_recordings(site.recordings, name)
     _check_recipe(site, name)
@@ -58,17 +58,17 @@ def load_site(path: str | Path) -> SiteFile:
 
 
 def with_recordings(site: SiteFile, patterns: Sequence[str], kind: str, channel_map: str | None) -> SiteFile:
-    """A recipe with the recordings that it is done with, all of one kind."""
+    """A recipe with recordings, all of one kind."""
     return replace(site, recordings=tuple(
         RecordingsSection(files=each, kind=kind, map=channel_map) for each in patterns))
 
 
-def _section(item: Any, shape: type[Shape], name: str, where: str) -> None:
+def _check_section(item: Any, shape: type[Shape], name: str, where: str) -> None:
     """One entry of a list, and the mappings in it."""
     for key, inner in (("machine", MachineSection), ("at_most", MeasureSection), ("at_least", MeasureSection)):
         if isinstance(item, dict) and key in shape.__struct_fields__ and isinstance(item.get(key), dict):
-            checked.section(item[key], inner, name, f"{where}.{key}", "site")
-    checked.section(item, shape, name, where, "site")
+            checked.check_section(item[key], inner, name, f"{where}.{key}", "site")
+    checked.check_section(item, shape, name, where, "site")
 
 
 def step_name(step: StepSection) -> str:
@@ -83,13 +83,14 @@ def _check_recordings(sections: Sequence[RecordingsSection], name: str) -> None:
             raise BadParameters(f"a pattern of paths at {where}", "an empty one",
                                 "Write for example 'logs/**/*.mcap'.")
         if isinstance(machine, MachineSection):
-            said = [key for key in ("folder", "file", "metadata") if getattr(machine, key) is not None]
-            if len(said) != 1:
+            given_keys = [key for key in ("folder", "file", "metadata") if getattr(machine, key) is not None]
+            if len(given_keys) != 1:
                 raise BadParameters(f"one of folder, file and metadata at machine in {where}",
-                                    " and ".join(said) or "none", "Say one of them.")
-            if machine.file is not None and machine.file.count(PLACE) != 1:
-                raise BadParameters(f"{PLACE} once in the pattern of the machine in {where}", f"'{machine.file}'",
-                                    f"Write for example '{PLACE}_*.mcap'.")
+                                    " and ".join(given_keys) or "none", "Say one of them.")
+            if machine.file is not None and machine.file.count(MACHINE_PLACEHOLDER) != 1:
+                raise BadParameters(f"{MACHINE_PLACEHOLDER} once in the pattern of the machine in {where}",
+                                    f"'{machine.file}'",
+                                    f"Write for example '{MACHINE_PLACEHOLDER}_*.mcap'.")
         elif machine is not None and not machine.strip():
             raise BadParameters(f"the name of a machine at {where}", "an empty one", "Name it, or leave it out.")
 
@@ -120,8 +121,8 @@ def _check_recipe(site: SiteFile, name: str) -> None:
 def _check_judge(step: StepSection, known: Sequence[str], where: str) -> None:
     if step.judge is None:
         return
-    if step.command.split()[0] not in JUDGED or step.joint:
-        raise BadParameters(f"judge with {' or '.join(JUDGED)}, one recording at a time, at {where}",
+    if step.command.split()[0] not in HOLDOUT_COMMANDS or step.joint:
+        raise BadParameters(f"judge with {' or '.join(HOLDOUT_COMMANDS)}, one recording at a time, at {where}",
                             f"it with {'joint: true' if step.joint else step.command.split()[0]}", "Leave it out.")
     if known and step.judge not in (NEXT, PREVIOUS, *known):
         raise BadParameters(f"next, previous or a kind of recordings at judge of {where}", f"'{step.judge}'",
@@ -129,15 +130,15 @@ def _check_judge(step: StepSection, known: Sequence[str], where: str) -> None:
 
 
 def _check_bar(bar: BarSection, recipe: Sequence[StepSection], where: str) -> None:
-    said = [key for key in ("at_most", "at_least") if getattr(bar, key) is not None]
+    given_keys = [key for key in ("at_most", "at_least") if getattr(bar, key) is not None]
     if (not bar.figure) == (bar.findings is None):
         raise BadParameters(f"either figure or findings at {where}", "both" if bar.figure else "none of them",
                             "Make two bars of it, or say one of them.")
-    if len(said) != bool(bar.figure):
+    if len(given_keys) != bool(bar.figure):
         wanted = "one of at_most and at_least" if bar.figure else "no limit beside findings"
-        raise BadParameters(f"{wanted} at {where}", " and ".join(said) or "none",
+        raise BadParameters(f"{wanted} at {where}", " and ".join(given_keys) or "none",
                             "Write for example '{figure: shaft.half_gap, at_most: {value: 5, unit: mrad}}'.")
-    for key in said:
+    for key in given_keys:
         limit = getattr(bar, key)
         value = limit.value if isinstance(limit, MeasureSection) else limit
         if not math.isfinite(value):

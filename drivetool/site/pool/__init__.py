@@ -1,6 +1,6 @@
-"""Takes tasks and limits, and does them in worker processes of this machine or of a Dask cluster.
+"""Takes tasks and limits, and runs them in worker processes of this machine or of a Dask cluster.
 
-A function that is handed in does the steps. Answers come out as they end.
+A function that is passed in runs the steps. Answers are returned as the tasks end.
 """
 
 import lazy_loader

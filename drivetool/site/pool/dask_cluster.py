@@ -1,4 +1,4 @@
-"""The tasks of a site on a Dask cluster: the same work in the same kind of worker process, elsewhere."""
+"""The tasks of a site on a Dask cluster: the same worker processes, on other machines."""
 
 from __future__ import annotations
 
@@ -11,87 +11,89 @@ from dataclasses import dataclass
 from typing import Any
 
 from drivetool.errors import BadOption, DriveToolError
-from drivetool.site.pool.executor import More, Runner, once
+from drivetool.site.pool.executor import NextTasks, Runner, all_at_once
 from drivetool.site.pool.pool import Answer, Limits, Pool
 from drivetool.site.pool.worker import numerics
 
-PATIENCE = 15.0  # s until a scheduler that does not answer, or has no workers, is given up
-NONE_THERE = "Start one with `dask scheduler` and `dask worker ADDRESS`, or leave --scheduler out."
-_here = threading.local()
+# s. A choice: a start of workers takes some seconds; a person waits no longer for a wrong address.
+SCHEDULER_TIMEOUT = 15.0
+START_CLUSTER_ADVICE = "Start one with `dask scheduler` and `dask worker ADDRESS`, or leave --scheduler out."
+_worker_thread = threading.local()
 
 
 @dataclass
 class Cluster:
-    """An executor that hands tasks to a scheduler; client: dask.distributed's; runner: does the steps there."""
+    """An executor that hands tasks to a scheduler; client: of dask.distributed; runner: runs the steps there."""
 
     client: Any
     limits: Limits
     runner: Runner
 
-    def serve(self, more: More) -> Iterator[tuple[int, Answer]]:
-        """Do tasks until there are no more; (number, what came of it) of each as it ends; see `Executor`.
+    def serve(self, next_tasks: NextTasks) -> Iterator[tuple[int, Answer]]:
+        """Run all tasks; (number, answer) of each as it ends; see `Executor`.
 
         raises  DriveToolError: a worker has other versions, or the connection is lost
         """
         from dask.distributed import as_completed
 
-        mine, numbers = numerics(), {}
-        ended = as_completed([], loop=self.client.loop)
+        own_versions, task_numbers = numerics(), {}
+        finished = as_completed([], loop=self.client.loop)
 
         def submit() -> None:
-            for number, task in more():
-                future = self.client.submit(remote, task, self.limits, self.runner, mine, pure=False)
-                numbers[future] = number
-                ended.add(future)
+            for number, task in next_tasks():
+                future = self.client.submit(run_remotely, task, self.limits, self.runner, own_versions, pure=False)
+                task_numbers[future] = number
+                finished.add(future)
 
         submit()
-        for future in ended:
-            yield numbers[future], self._answer(future, mine)
+        for future in finished:
+            yield task_numbers[future], self._answer(future, own_versions)
             submit()
 
-    def _answer(self, future: Any, mine: dict[str, str]) -> Answer:
-        """What came of a task; see `serve`."""
+    def _answer(self, future: Any, own_versions: dict[str, str]) -> Answer:
+        """The answer of a task; see `serve`."""
         if future.status != "finished":
             error = future.exception() if future.status == "error" else "the connection was lost"
             if type(error).__name__ != "KilledWorker":
                 raise DriveToolError("a Dask cluster that does the tasks", f"{type(error).__name__}: {error}",
                                      "Look at the cluster, then run the same command again: it goes on.")
-            return _killed()
+            return _killed_answer()
         answer = future.result()
         if "numerics" in answer:
-            there = ", ".join(f"{k} {v}" for k, v in answer["numerics"].items() if mine.get(k) != v)
+            there = ", ".join(f"{k} {v}" for k, v in answer["numerics"].items() if own_versions.get(k) != v)
             raise DriveToolError(
-                f"workers with {', '.join(f'{k} {v}' for k, v in mine.items())}, as here", f"one with {there}",
-                "Install the same versions everywhere: results must not depend on who computes them.")
+                f"workers with {', '.join(f'{k} {v}' for k, v in own_versions.items())}, as here",
+                f"one with {there}", "Install the same versions everywhere: "
+                "results must not depend on who computes them.")
         return answer
 
 
-def _killed() -> Answer:
+def _killed_answer() -> Answer:
     return {"ended": "died", "said": "wanted the step to end; found that the workers of the cluster that took it "
             "ended first. Run the step by hand to see why; --retry tries it again."}
 
 
-def remote(task: dict[str, Any], limits: Limits, runner: Runner, expected: dict[str, str]) -> Answer:
-    """A task on a worker of the cluster, in a process of its own so that its limits hold there, too."""
+def run_remotely(task: dict[str, Any], limits: Limits, runner: Runner, expected: dict[str, str]) -> Answer:
+    """A task on a worker of the cluster, in a separate process, so that its limits hold there, too."""
     if numerics() != expected:
         return {"numerics": numerics()}
-    pool: Pool | None = getattr(_here, "pool", None)
+    pool: Pool | None = getattr(_worker_thread, "pool", None)
     if pool is None or (pool.limits, pool.runner) != (limits, runner):
         if pool is not None:
             pool.close()
-        pool = _here.pool = Pool(1, limits, runner)
-    [(_, answer)] = list(pool.serve(once([task])))
+        pool = _worker_thread.pool = Pool(1, limits, runner)
+    [(_, answer)] = list(pool.serve(all_at_once([task])))
     return answer
 
 
 @contextmanager
 def cluster(address: str, limits: Limits, runner: Runner) -> Iterator[Cluster]:
-    """The cluster behind a scheduler; runner: does the steps on its workers.
+    """The cluster behind a scheduler; runner: runs the steps on its workers.
 
     raises  BadOption: no address, or dask.distributed is not installed
-            DriveToolError: nobody answers, or nobody works
+            DriveToolError: the scheduler does not answer, or has no workers
     """
-    if not re.fullmatch(r"(tcp|tls|ucx|wss?)://[^\s/]+:\d{1,5}", address):  # the client would hang in its end
+    if not re.fullmatch(r"(tcp|tls|ucx|wss?)://[^\s/]+:\d{1,5}", address):  # the client would hang when it closes
         raise BadOption("an address as in tcp://HOST:PORT for --scheduler", f"'{address}'",
                         "Take the one that `dask scheduler` prints.")
     try:
@@ -99,18 +101,19 @@ def cluster(address: str, limits: Limits, runner: Runner) -> Iterator[Cluster]:
     except ImportError:
         raise BadOption("dask.distributed for --scheduler", "it not installed",
                         "In a clone of drivetool run `pip install '.[site]'`, or leave --scheduler out.") from None
-    for name in ("distributed", "tornado", "asyncio"):  # what they have to say is said below
+    for name in ("distributed", "tornado", "asyncio"):  # their messages are replaced by the errors below
         logging.getLogger(name).setLevel(logging.CRITICAL + 1)
     try:
-        client = Client(address, timeout=PATIENCE, set_as_default=False)
-    except Exception as error:  # of sockets, time and addresses, each in a class of its own
+        client = Client(address, timeout=SCHEDULER_TIMEOUT, set_as_default=False)
+    except Exception as error:  # of sockets, time and addresses, without a common class
         raise DriveToolError(f"a Dask scheduler at {address}", f"no answer ({type(error).__name__})",
-                             NONE_THERE) from None
+                             START_CLUSTER_ADVICE) from None
     try:
         try:
-            client.wait_for_workers(1, timeout=PATIENCE)
+            client.wait_for_workers(1, timeout=SCHEDULER_TIMEOUT)
         except TimeoutError:
-            raise DriveToolError(f"workers of the Dask scheduler at {address}", "none", NONE_THERE) from None
+            raise DriveToolError(f"workers of the Dask scheduler at {address}", "none",
+                                 START_CLUSTER_ADVICE) from None
         yield Cluster(client, limits, runner)
     finally:
-        client.close(timeout=PATIENCE)
+        client.close(timeout=SCHEDULER_TIMEOUT)

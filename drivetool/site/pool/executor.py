@@ -1,35 +1,35 @@
-"""Who does the tasks of a run: what it is given, and when it is asked for more."""
+"""The interface that runs the tasks of a site, and the source of these tasks."""
 
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
 from typing import Any, Protocol
 
-Numbered = Sequence[tuple[int, dict[str, Any]]]  # tasks, each with a number to know it by
-UNREAD = "unread"  # how a step ends whose recording is not there, or no longer what it was found to be
-More = Callable[[], Numbered]
-# Does the words of a command line in this process, as the console would, and leaves by SystemExit. Worker processes
-# find it by its module and name.
+NumberedTasks = Sequence[tuple[int, dict[str, Any]]]  # tasks, each with its number
+UNREAD = "unread"  # how a step ends whose recording is missing or has changed since the start of the run
+NextTasks = Callable[[], NumberedTasks]
+# Runs the words of a command line in this process, as the console would, and ends with SystemExit. Worker
+# processes import it by its module and name.
 Runner = Callable[[list[str]], None]
 
 
 class Executor(Protocol):
-    """Whoever does tasks: the pool of this machine, or a cluster."""
+    """Runs tasks: the pool of this machine, or a cluster."""
 
-    def serve(self, more: More) -> Iterator[tuple[int, dict[str, Any]]]:
-        """Do tasks until there are no more; (number, what came of it) of each as it ends.
+    def serve(self, next_tasks: NextTasks) -> Iterator[tuple[int, dict[str, Any]]]:
+        """Run tasks until there are no more; (number, answer) of each as it ends.
 
-        more  asked at the beginning and after each end: the tasks that can be done by then and were not yet given
+        next_tasks  called at the start and after each end: the tasks that can run then, each handed out once
         """
 
 
-def once(tasks: Sequence[dict[str, Any]]) -> More:
-    """Tasks that can all be done from the beginning, numbered from zero."""
-    left = list(enumerate(tasks))
+def all_at_once(tasks: Sequence[dict[str, Any]]) -> NextTasks:
+    """Tasks that can all run from the start, numbered from zero."""
+    remaining = list(enumerate(tasks))
 
-    def more() -> Numbered:
-        given = left.copy()
-        left.clear()
-        return given
+    def next_tasks() -> NumberedTasks:
+        handed_out = remaining.copy()
+        remaining.clear()
+        return handed_out
 
-    return more
+    return next_tasks

@@ -1,4 +1,4 @@
-"""Processes that do tasks, one at a time each; one that dies or goes beyond its limits is replaced."""
+"""Processes that run tasks, one at a time each; one that dies or exceeds its limits is replaced."""
 
 from __future__ import annotations
 
@@ -20,13 +20,14 @@ from typing import Any
 import drivetool
 from drivetool.errors import BadOption, DriveToolError
 from drivetool.site.pool import worker as at_work
-from drivetool.site.pool.executor import More, Runner
+from drivetool.site.pool.executor import NextTasks, Runner
 
-POLL = 0.1  # s between two looks at the clock and the memory of the workers
-# One thread each: the matrices are small, and sums that threads share are not repeatable.
-ONE_THREAD = {name: "1" for name in ("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS", "MKL_NUM_THREADS",
-                                     "NUMBA_NUM_THREADS", "VECLIB_MAXIMUM_THREADS")}
-PROC = Path("/proc/self/statm")
+# s between two checks of the time and memory of the workers. A choice: small against any limit, and cheap.
+POLL_INTERVAL = 0.1
+# One thread each: the matrices are small, and sums shared by threads are not repeatable.
+SINGLE_THREAD_ENV = {name: "1" for name in ("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS", "MKL_NUM_THREADS",
+                                                "NUMBA_NUM_THREADS", "VECLIB_MAXIMUM_THREADS")}
+PROC_STATM = Path("/proc/self/statm")
 Answer = dict[str, Any]
 
 
@@ -39,18 +40,18 @@ class Limits:
 
 
 class Worker:
-    """A process that does tasks; what it answers, and that it ended, goes into the inbox.
+    """A process that runs tasks; its answers and its end go into the inbox.
 
-    runner  does the steps there
+    runner  runs the steps there
     """
 
     def __init__(self, inbox: queue.Queue[tuple[Worker, Answer | None]], runner: Runner):
         source = str(Path(drivetool.__file__).resolve().parents[1])
         path = os.pathsep.join(filter(None, [source, os.environ.get("PYTHONPATH")]))
-        # -P: no folder of recordings can stand in for a module.
+        # -P: no folder of recordings can be imported as a module.
         self.process = subprocess.Popen(
-            [sys.executable, "-P", "-m", at_work.__name__, at_work.name_of(runner)], stdin=subprocess.PIPE,
-            stdout=subprocess.PIPE, env=os.environ | ONE_THREAD | {"PYTHONPATH": path})
+            [sys.executable, "-P", "-m", at_work.__name__, at_work.runner_name(runner)], stdin=subprocess.PIPE,
+            stdout=subprocess.PIPE, env=os.environ | SINGLE_THREAD_ENV | {"PYTHONPATH": path})
         self.index: int | None = None
         self.began = 0.0
         self.ready = False
@@ -61,13 +62,13 @@ class Worker:
         assert self.process.stdout is not None
         with self.process.stdout as answers:
             for line in answers:
-                if line.endswith(b"\n"):  # a line that a death cut off is no answer
+                if line.endswith(b"\n"):  # a line cut off by the end of the process is no answer
                     inbox.put((self, json.loads(line)))
         self.process.wait()
         inbox.put((self, None))
 
     def give(self, index: int, task: dict[str, Any]) -> None:
-        """Hand over a task; that the worker has died meanwhile is told by its inbox."""
+        """Send a task; the inbox reports if the worker has died meanwhile."""
         self.index, self.began = index, time.monotonic()
         assert self.process.stdin is not None
         with suppress(OSError):
@@ -75,75 +76,75 @@ class Worker:
             self.process.stdin.flush()
 
     def memory_mb(self) -> float:
-        """Resident memory; 0 where the system does not tell."""
+        """Resident memory; 0 where the system does not report it."""
         try:
-            pages = int(PROC.parent.with_name(str(self.process.pid)).joinpath("statm").read_text().split()[1])
+            pages = int(PROC_STATM.parent.with_name(str(self.process.pid)).joinpath("statm").read_text().split()[1])
         except (OSError, IndexError):
             return 0.0
         return pages * os.sysconf("SC_PAGE_SIZE") / 1e6
 
     def kill(self) -> None:
-        """End it, whatever it does."""
+        """End the process in any state."""
         self.process.kill()
         self.process.wait()
         self.listener.join()
         assert self.process.stdin is not None
-        with suppress(OSError):  # what was not yet handed over has nobody to go to
+        with suppress(OSError):  # unsent data has no receiver
             self.process.stdin.close()
 
 
 class Pool:
-    """So many workers, started when there is something to do."""
+    """A number of workers, started when there are tasks."""
 
     def __init__(self, count: int, limits: Limits, runner: Runner):
         self.count, self.limits, self.runner = count, limits, runner
         self.inbox: queue.Queue[tuple[Worker, Answer | None]] = queue.Queue()
         self.workers: list[Worker] = []
 
-    def serve(self, more: More) -> Iterator[tuple[int, Answer]]:
-        """Do tasks until there are no more; (number, what came of it) of each as it ends; see `Executor`.
+    def serve(self, next_tasks: NextTasks) -> Iterator[tuple[int, Answer]]:
+        """Run all tasks; (number, answer) of each as it ends; see `Executor`.
 
         raises  DriveToolError: workers cannot be started
         """
-        waiting = deque(more())
-        left = len(waiting)
-        while left:
-            while len(self.workers) < min(self.count, left):
+        waiting = deque(next_tasks())
+        remaining = len(waiting)
+        while remaining:
+            while len(self.workers) < min(self.count, remaining):
                 self.workers.append(Worker(self.inbox, self.runner))
             for worker in self.workers:
                 if worker.index is None and waiting:
                     worker.give(*waiting.popleft())
-            for each in [*self._beyond(), *self._heard()]:
+            for each in [*self._end_over_limits(), *self._next_answers()]:
                 yield each
-                new = more()
+                new = next_tasks()
                 waiting.extend(new)
-                left += len(new) - 1
+                remaining += len(new) - 1
 
-    def _heard(self) -> list[tuple[int, Answer]]:
-        """What the next message says; nothing where none comes soon."""
+    def _next_answers(self) -> list[tuple[int, Answer]]:
+        """The answer in the next message; empty if none comes within the poll interval."""
         try:
-            worker, answer = self.inbox.get(timeout=POLL)
+            worker, answer = self.inbox.get(timeout=POLL_INTERVAL)
         except queue.Empty:
             return []
         if worker not in self.workers:  # ended by us
             return []
         if answer is not None and not worker.ready:
-            worker.ready, worker.began = True, time.monotonic()  # its start is none of the task's time
+            worker.ready, worker.began = True, time.monotonic()  # the start-up time is not part of the task
             return []
         index, worker.index = worker.index, None
         if answer is None:
             self.workers.remove(worker)
             worker.kill()
             code = worker.process.returncode
-            if not worker.ready and code > 0:  # by itself, and so would the next
+            if not worker.ready and code > 0:  # at its start, and so would the next
                 raise DriveToolError("a worker process of drivetool", f"one that ended at its start (code {code})",
                                      f"Check the installation: python -m {at_work.__name__} must run.")
-            return [] if index is None else [(index, died(code))]
+            return [] if index is None else [(index, died_answer(code))]
         return [] if index is None else [(index, answer)]
 
-    def _beyond(self) -> list[tuple[int, Answer]]:
-        """The tasks whose workers had to be ended."""
-        found = []
+    def _end_over_limits(self) -> list[tuple[int, Answer]]:
+        """End the workers that exceed a limit; the answers of their tasks."""
+        answers = []
         for worker in [w for w in self.workers if w.index is not None]:
             answer: Answer | None = None
             if time.monotonic() - worker.began > self.limits.seconds:
@@ -155,8 +156,8 @@ class Pool:
             if answer is not None and worker.index is not None:
                 worker.kill()
                 self.workers.remove(worker)
-                found.append((worker.index, {**answer, "seconds": round(time.monotonic() - worker.began, 3)}))
-        return found
+                answers.append((worker.index, {**answer, "seconds": round(time.monotonic() - worker.began, 3)}))
+        return answers
 
     def close(self) -> None:
         """End all workers."""
@@ -165,17 +166,17 @@ class Pool:
         self.workers.clear()
 
 
-def died(code: int | None) -> Answer:
-    """What came of a task whose worker ended before it did."""
-    how = f"code {code}"
+def died_answer(code: int | None) -> Answer:
+    """The answer of a task whose worker ended first."""
+    cause = f"code {code}"
     if code is not None and code < 0:
-        how = f"signal {-code}" + (f", {signal.Signals(-code).name}" if -code in set(signal.Signals) else "")
-    return {"ended": "died", "said": f"wanted the step to end; found that its worker process ended first ({how}). "
-            "Run the step by hand to see why; --retry tries it again."}
+        cause = f"signal {-code}" + (f", {signal.Signals(-code).name}" if -code in set(signal.Signals) else "")
+    return {"ended": "died", "said": "wanted the step to end; found that its worker process ended first "
+            f"({cause}). Run the step by hand to see why; --retry tries it again."}
 
 
-def check_memory_limit(asked: bool) -> None:
-    """Raise BadOption where a limit was asked for and the system does not tell the memory of a process."""
-    if asked and not PROC.exists():
-        raise BadOption("a system that tells the memory of a process for --memory-limit", f"{sys.platform}",
+def check_memory_limit(requested: bool) -> None:
+    """Raise BadOption where a limit is requested and the system does not report the memory of a process."""
+    if requested and not PROC_STATM.exists():
+        raise BadOption("a system that reports the memory of a process for --memory-limit", f"{sys.platform}",
                         "Leave it out; --time-limit works everywhere.")

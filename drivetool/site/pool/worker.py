@@ -1,8 +1,7 @@
 """A worker of the pool: a fresh interpreter that takes tasks from standard input, one JSON line each.
 
-Steps run by calling the command line in this process, so that a file has the bytes of the step by hand. Its one
-argument names the function that does this, see `name_of`. The worker ends with its parent, and whenever it is told
-to by a signal.
+Steps run by calling the command line in this process, so that a file has the same bytes as the step typed by hand.
+The one argument names that function, see `runner_name`. The worker ends with its parent, or by a signal.
 """
 
 from __future__ import annotations
@@ -23,54 +22,54 @@ from typing import IO, Any
 
 import drivetool
 from drivetool.files.yaml import load_channel_map
-from drivetool.logs.formats import Look, look_at
+from drivetool.logs.formats import RecordingHeader, read_header
 from drivetool.site.pool.executor import UNREAD, Runner
-from drivetool.site.results import told
+from drivetool.site.results import step_result_of
 
-STATUS, RESET = "/proc/self/status", "/proc/self/clear_refs"
-RESET_PEAK = "5"  # what Linux takes there for: begin again with the largest resident size
+PROC_STATUS, PROC_CLEAR_REFS = "/proc/self/status", "/proc/self/clear_refs"
+CLEAR_PEAK_CODE = "5"  # proc(5): the value that resets the peak resident size
 
 
-def name_of(runner: Runner) -> str:
-    """What a worker process finds it by."""
+def runner_name(runner: Runner) -> str:
+    """The name by which a worker process imports it."""
     return f"{runner.__module__}:{runner.__qualname__}"
 
 
 def main(runner: str = "") -> None:
-    """Do tasks until there are no more; runner: name of the one who does the steps."""
+    """Run tasks until there are no more; runner: name of the function that runs the steps."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C reaches all of a terminal; the parent ends its workers
     inbound, outbound = os.fdopen(os.dup(0), encoding="utf-8"), os.fdopen(os.dup(1), "w", encoding="utf-8")
-    nowhere = os.open(os.devnull, os.O_RDWR)
-    for taken in (0, 1, 2):  # nothing that a library prints gets among the answers
-        os.dup2(nowhere, taken)
-    _answer(outbound, {"ready": True})
+    null_device = os.open(os.devnull, os.O_RDWR)
+    for descriptor in (0, 1, 2):  # output of libraries must not mix with the answers
+        os.dup2(null_device, descriptor)
+    _write_answer(outbound, {"ready": True})
     tasks: queue.Queue[str] = queue.Queue()
-    threading.Thread(target=_receive, args=(inbound, tasks), daemon=True).start()
+    threading.Thread(target=_read_tasks, args=(inbound, tasks), daemon=True).start()
     while True:
-        _answer(outbound, done(json.loads(tasks.get()), runner))
+        _write_answer(outbound, run_task(json.loads(tasks.get()), runner))
 
 
-def _receive(inbound: IO[str], tasks: queue.Queue[str]) -> None:
-    """Lines as they come; when the parent has gone there is nobody to work for."""
+def _read_tasks(inbound: IO[str], tasks: queue.Queue[str]) -> None:
+    """Queue lines as they come; end the process when the parent has gone."""
     for line in inbound:
         tasks.put(line)
     os._exit(0)
 
 
-def _answer(outbound: IO[str], content: dict[str, Any]) -> None:
+def _write_answer(outbound: IO[str], content: dict[str, Any]) -> None:
     outbound.write(json.dumps(content) + "\n")
     outbound.flush()
 
 
 def numerics() -> dict[str, str]:
-    """The versions that the numbers of a result depend on."""
+    """The library versions on which the numbers of a result depend."""
     return {"drivetool": drivetool.__version__, **{name: version(name) for name in ("numpy", "scipy", "numba")}}
 
 
-def done(task: dict[str, Any], runner: str) -> dict[str, Any]:
-    """What came of a task: of a step exit code, file, what it tells and says; of a look what was seen; the cost.
+def run_task(task: dict[str, Any], runner: str) -> dict[str, Any]:
+    """The answer of a task: of a step exit code, file, its content and message; or a header; and the cost.
 
-    runner  name of the one who does the steps
+    runner  name of the function that runs the steps
     """
     try:
         os.chdir(task["folder"])
@@ -78,14 +77,14 @@ def done(task: dict[str, Any], runner: str) -> dict[str, Any]:
         return {"code": 1, "ended": UNREAD,
                 "said": f"wanted the folder {task['folder']} where the step runs; found {error.strerror}. All "
                         "machines of a cluster must see the recordings under the same path."}
-    _forget_peak()
+    _reset_peak_memory()
     began = time.perf_counter()
-    answer = _step(task["words"], runner) if "words" in task else _look(task["look"], task["map"])
-    return {**answer, "seconds": round(time.perf_counter() - began, 3), "peak_memory_mb": _peak_mb()}
+    answer = _run_step(task["words"], runner) if "words" in task else _read_header(task["look"], task["map"])
+    return {**answer, "seconds": round(time.perf_counter() - began, 3), "peak_memory_mb": _peak_memory_mb()}
 
 
-def _step(words: list[str], runner: str) -> dict[str, Any]:
-    """A command as it would run by itself; its file is what it prints."""
+def _run_step(words: list[str], runner: str) -> dict[str, Any]:
+    """Run a command as on the console; its file is its standard output."""
     module, _, name = runner.partition(":")
     run: Runner = getattr(import_module(module), name)
     out, err = TextIOWrapper(BytesIO(), encoding="utf-8"), StringIO()
@@ -98,41 +97,41 @@ def _step(words: list[str], runner: str) -> dict[str, Any]:
     out.flush()
     text = out.buffer.getvalue().decode()
     if code not in (0, 3) or not text:
-        return {"code": code, "said": _sentence(err.getvalue(), words[0])}
-    return {"code": code, "text": text, "told": asdict(told(text))}
+        return {"code": code, "said": _last_error_sentence(err.getvalue(), words[0])}
+    return {"code": code, "text": text, "told": asdict(step_result_of(text))}
 
 
-def _sentence(said: str, command: str) -> str:
-    """The last sentence of a command that failed, without what stands before every one."""
-    lines = [line.strip() for line in said.splitlines() if line.strip()]
-    own = [line for line in lines if line.startswith(f"drivetool {command}: ")]
-    text = (own or lines or ["the command failed and said nothing"])[-1]
+def _last_error_sentence(stderr_text: str, command: str) -> str:
+    """The last sentence of a command that failed, without the prefix of all messages."""
+    lines = [line.strip() for line in stderr_text.splitlines() if line.strip()]
+    own_lines = [line for line in lines if line.startswith(f"drivetool {command}: ")]
+    text = (own_lines or lines or ["the command failed and said nothing"])[-1]
     return text.removeprefix(f"drivetool {command}: ").removeprefix("error: ").removeprefix("Error: ")
 
 
-def _look(path: str, channel_map: str | None) -> dict[str, Any]:
+def _read_header(path: str, channel_map: str | None) -> dict[str, Any]:
     try:
         with open(path, "rb"):
-            return asdict(look_at(path, load_channel_map(channel_map)))
-    except OSError:  # gone for now: nothing was seen
+            return asdict(read_header(path, load_channel_map(channel_map)))
+    except OSError:  # temporarily missing: no header
         return {}
-    except Exception:  # whatever is wrong with the recording or its map: the steps will say so
-        return asdict(Look())
+    except Exception:  # the steps report what is wrong with the recording or its map
+        return asdict(RecordingHeader())
 
 
-def _forget_peak() -> None:
-    """Let the largest resident size begin again, where the system can."""
+def _reset_peak_memory() -> None:
+    """Reset the peak resident size, where the system can."""
     try:
-        with open(RESET, "w") as file:
-            file.write(RESET_PEAK)
+        with open(PROC_CLEAR_REFS, "w") as file:
+            file.write(CLEAR_PEAK_CODE)
     except OSError:
         pass
 
 
-def _peak_mb() -> float | None:
-    """Largest resident size since the task began [MB]; None where the system does not tell it by task."""
+def _peak_memory_mb() -> float | None:
+    """Largest resident size since the task began [MB]; None where the system does not report it per task."""
     try:
-        with open(STATUS) as file:
+        with open(PROC_STATUS) as file:
             lines = [line.split() for line in file if line.startswith("VmHWM:")]
     except OSError:
         return None

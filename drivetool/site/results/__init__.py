@@ -1,7 +1,7 @@
-"""What came of the tasks: the manifest of what was done, what each file tells, and the summary as rows, CSV and
+"""The results of the tasks: the manifest of the tasks, the content of each file, and the summary as rows, CSV and
 Parquet.
 
-It reads files of steps and decides nothing.
+It reads the files of steps and makes no decisions.
 """
 
 import lazy_loader

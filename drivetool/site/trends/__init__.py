@@ -1,7 +1,6 @@
-"""Takes the rows of a summary and gives means, drifts, steps and outlying recordings of each parameter of each
-machine.
+"""Takes the rows of a summary and gives means, drifts, steps and outlying recordings per parameter and machine.
 
-The trends file and its pictures are made here.
+It also makes the trends file and its pictures.
 """
 
 import lazy_loader

@@ -7,53 +7,57 @@ from collections.abc import Mapping, Sequence
 
 from drivetool.errors import Finding
 from drivetool.logs.formats import Row
-from drivetool.site.trends.change_points import FEWEST
+from drivetool.site.trends.change_points import MIN_SERIES_LENGTH
 from drivetool.site.trends.outliers import Outlier
-from drivetool.site.trends.sentences import drift_text, lowered, outlier_text, step_text, subject
+from drivetool.site.trends.sentences import drift_text, lower_first_letter, outlier_text, series_subject, step_text
 from drivetool.site.trends.series import Series, series_of, without_copies
-from drivetool.site.trends.trend import ALARM, Change, Drift, Trend, trends
+from drivetool.site.trends.trend import DEFAULT_ALARM_RATIO, Change, Drift, Trend, trends
 
-LISTED = 5  # names in one sentence; the rest is counted
-# Times 1 / root n, the standard deviation of a correlation of independent recordings. One of 700 is beyond.
-CORRELATED = 3.0
-SEE = "Look for what changed at the machine at that time: wear, lubrication, load, temperature or a repair."
-LABEL = "See whether its machine, its channels and their units are named rightly, then what else was recorded."
-NEXT = "It is the newest: with the next one like it this is a step."
-WATCH = "Watch it; a change from which on it counts is set with --alarm."
+MAX_NAMES_LISTED = 5  # A choice: names in a readable sentence; the rest is counted.
+# Times 1 / sqrt(n), the standard deviation of the correlation of n independent recordings: one in 700 exceeds it.
+CORRELATION_SIGNIFICANCE = 3.0
+ALARM_ADVICE = ("Look for what changed at the machine at that time: wear, lubrication, load, temperature or a "
+                "repair.")
+OUTLIER_ADVICE = ("Check that its machine, its channels and their units are named correctly, then what else was "
+                  "recorded.")
+NEWEST_OUTLIER_ADVICE = "It is the newest: with the next one like it this is a step."
+SMALL_CHANGE_ADVICE = "Watch it; --alarm sets the size from which a change is an alarm."
 
 
-def trends_of(rows: Sequence[Row], alarm: float = ALARM) -> tuple[tuple[Finding, ...], tuple[Trend, ...]]:
-    """What the parameters of every machine of a site do over its recordings.
+def trends_of(rows: Sequence[Row], alarm: float = DEFAULT_ALARM_RATIO) -> tuple[tuple[Finding, ...],
+                                                                                tuple[Trend, ...]]:
+    """Drifts, steps and outliers of the parameters of every machine of a site over its recordings.
 
     rows     of a summary, in any order
-    alarm    size of a change, in standard deviations of the runs before, from which on it is an alarm
-    returns  (findings, one Trend per machine, parameter and step). Alarms come first, then what is smaller, each in
-             the order of the series, then recordings far from all others, then remarks on the recordings.
+    alarm    size of a change, in standard deviations of the runs before, from which it is an alarm
+    returns  (findings, one Trend per machine, parameter and step). Alarms come first, then smaller changes, each in
+             the order of the series, then outlying recordings, then remarks on the recordings.
     """
-    left, copies = without_copies(rows)
-    found = trends(series_of(left), alarm)
-    return (*_changed(found), *_outlying(found), *_remarks(left, copies, found)), found
+    original_rows, copies = without_copies(rows)
+    found_trends = trends(series_of(original_rows), alarm)
+    return (*_change_findings(found_trends), *_outlier_findings(found_trends),
+            *_recording_remarks(original_rows, copies, found_trends)), found_trends
 
 
-def _changed(found: Sequence[Trend]) -> list[Finding]:
+def _change_findings(found: Sequence[Trend]) -> list[Finding]:
     """A finding per step and per drift."""
-    many = Counter((t.series.machine, t.series.parameter) for t in found)
+    series_counts = Counter((t.series.machine, t.series.parameter) for t in found)
     alarms, small = [], []
     for trend in found:
         series = trend.series
-        step = many[series.machine, series.parameter] > 1
-        if trend.drift is not None and trend.drift.told:
+        step = series_counts[series.machine, series.parameter] > 1
+        if trend.drift is not None and trend.drift.significant:
             text, evidence = drift_text(series, trend.drift, step), _drift_evidence(trend, trend.drift)
             if trend.drift.alarm:
-                alarms.append(Finding("warning", "trend-alarm", text, evidence, SEE))
+                alarms.append(Finding("warning", "trend-alarm", text, evidence, ALARM_ADVICE))
             else:
-                small.append(Finding("note", "small-change", text, evidence, WATCH))
+                small.append(Finding("note", "small-change", text, evidence, SMALL_CHANGE_ADVICE))
         for change in trend.changes:
             text, evidence = step_text(series, change, step), _step_evidence(trend, change)
             if change.alarm:
-                alarms.append(Finding("warning", "trend-alarm", text, evidence, SEE))
+                alarms.append(Finding("warning", "trend-alarm", text, evidence, ALARM_ADVICE))
             else:
-                small.append(Finding("note", "small-change", text, evidence, WATCH))
+                small.append(Finding("note", "small-change", text, evidence, SMALL_CHANGE_ADVICE))
     return [*alarms, *small]
 
 
@@ -73,96 +77,98 @@ def _drift_evidence(trend: Trend, drift: Drift) -> dict[str, float | int | str]:
             "ratio": drift.ratio, "chance": drift.chance}
 
 
-def _outlying(found: Sequence[Trend]) -> list[Finding]:
-    """A finding per recording that lies far from the others of its machine, in whatever parameters."""
-    by: dict[tuple[str, str], list[tuple[Trend, Outlier]]] = {}
+def _outlier_findings(found: Sequence[Trend]) -> list[Finding]:
+    """A finding per recording that is an outlier of its machine in any parameter."""
+    by_recording: dict[tuple[str, str], list[tuple[Trend, Outlier]]] = {}
     for trend in found:
         for name, outlier in trend.outliers:
-            by.setdefault((trend.series.machine, name), []).append((trend, outlier))
-    return [_outlier(machine, name, sorted(places, key=lambda pair: -pair[1].ratio))
-            for (machine, name), places in by.items()]
+            by_recording.setdefault((trend.series.machine, name), []).append((trend, outlier))
+    return [_outlier_finding(machine, name, sorted(places, key=lambda pair: -pair[1].ratio))
+            for (machine, name), places in by_recording.items()]
 
 
-def _outlier(machine: str, name: str, places: Sequence[tuple[Trend, Outlier]]) -> Finding:
-    trend, outlier = places[0]
+def _outlier_finding(machine: str, name: str, outliers: Sequence[tuple[Trend, Outlier]]) -> Finding:
+    trend, outlier = outliers[0]
     newest = outlier.place == len(trend.series.values) + len(trend.outliers) - 1
-    more = [lowered(subject(other.series)) for other, _ in places[1:]]
+    other_subjects = [lower_first_letter(series_subject(other.series)) for other, _ in outliers[1:]]
     return Finding(
         "warning", "outlying-recording",
         f"{outlier_text(trend.series, name, outlier)} It is left out of this trend"
-        f"{f' and of those of {_listed(more)}' if more else ''}.",
+        f"{f' and of those of {_name_list(other_subjects)}' if other_subjects else ''}.",
         {"machine": machine, "recording": name, "parameter": trend.series.parameter, "step": trend.series.step,
          "unit": trend.series.unit, "value": outlier.value, "expected": outlier.expected, "std": outlier.std,
-         "ratio": outlier.ratio, "chance": outlier.chance, "parameters": len(places)},
-        (f"{NEXT} " if newest else "") + LABEL)
+         "ratio": outlier.ratio, "chance": outlier.chance, "parameters": len(outliers)},
+        (f"{NEWEST_OUTLIER_ADVICE} " if newest else "") + OUTLIER_ADVICE)
 
 
-def _remarks(rows: Sequence[Row], copies: Mapping[str, str], found: Sequence[Trend]) -> list[Finding]:
-    """What the recordings do not allow to say."""
+def _recording_remarks(rows: Sequence[Row], copies: Mapping[str, str], found: Sequence[Trend]) -> list[Finding]:
+    """The limits of what the recordings show."""
     remarks = []
     if copies:
         remarks.append(Finding(
             "note", "copied-recordings",
-            f"{_listed([f'{copy} repeats {first}' for copy, first in copies.items()])}: all values and standard "
+            f"{_name_list([f'{copy} repeats {first}' for copy, first in copies.items()])}: all values and standard "
             "deviations are equal. The copies are left out.", {"copies": len(copies)},
             "Take the copies out of the site."))
-    longest = dict.fromkeys((row.machine for row in rows if row.recording and row.machine), 0)
+    longest_series = dict.fromkeys((row.machine for row in rows if row.recording and row.machine), 0)
     for trend in found:
-        longest[trend.series.machine] = max(longest[trend.series.machine], trend.units)
-    few = {machine: count for machine, count in longest.items() if count < FEWEST}
-    if few:
+        longest_series[trend.series.machine] = max(longest_series[trend.series.machine], trend.sample_count)
+    short_series = {machine: count for machine, count in longest_series.items() if count < MIN_SERIES_LENGTH}
+    if short_series:
         remarks.append(Finding(
             "note", "few-recordings",
-            f"Fewer than {FEWEST} recordings of one kind with a value, or days where one has several, tell no "
-            f"trend: {_listed([f'{m} has {n}' for m, n in few.items()])}. Such a machine has means at most.",
-            dict(few), "Record it again on further days."))
-    remarks += _units(found)
+            f"Fewer than {MIN_SERIES_LENGTH} recordings of one kind with a value, or days where one has several, "
+            f"give no trend: {_name_list([f'{m} has {n}' for m, n in short_series.items()])}. Such a machine has "
+            "means at most.",
+            dict(short_series), "Record it again on further days."))
+    remarks += _unit_findings(found)
     dateless = list(dict.fromkeys(t.series.machine for t in found if t.series.starts is None))
     if dateless:
         remarks.append(Finding(
             "note", "undated-recordings",
-            f"Not all recordings of {_listed(dateless)} say when they were made. They count in their order; days "
-            "are not told apart.", {"machines": len(dateless)}, "Log absolute times, or name recordings by date."))
-    missing = {subject(t.series): t.series.left_out for t in found if t.series.left_out}
+            f"Not all recordings of {_name_list(dateless)} say when they were made. Only their order is "
+            "used; days are not distinguished.", {"machines": len(dateless)},
+            "Log absolute times, or name recordings by date."))
+    missing = {series_subject(t.series): t.series.left_out for t in found if t.series.left_out}
     if missing:
         remarks.append(Finding(
             "note", "values-missing",
             f"Recordings without a fitted value are left out: "
-            f"{_listed([f'{n} of {what}' for what, n in missing.items()])}.", {"series": len(missing)},
+            f"{_name_list([f'{n} of {what}' for what, n in missing.items()])}.", {"series": len(missing)},
             "See in the files of these recordings why they have none."))
-    return [*remarks, *_correlated(found)]
+    return [*remarks, *_correlation_findings(found)]
 
 
-def _units(found: Sequence[Trend]) -> list[Finding]:
-    """Series that would be one, were it not for their units."""
+def _unit_findings(found: Sequence[Trend]) -> list[Finding]:
+    """Series that differ only in their units."""
     units: dict[tuple[str, str, str, str], list[Series]] = {}
     for series in (trend.series for trend in found):
         units.setdefault((series.machine, series.parameter, series.step, series.kind), []).append(series)
-    several = [f"{subject(each[0])} in {' and '.join(s.unit or 'none' for s in each)}"
+    several = [f"{series_subject(each[0])} in {' and '.join(s.unit or 'none' for s in each)}"
                for each in units.values() if len(each) > 1]
     if not several:
         return []
     return [Finding(
-        "note", "units-changed",
-        f"Recordings state one parameter in several units: {_listed(several)}. Each unit is a series of its own, "
+        "note", "units-mixed",
+        f"Recordings state one parameter in several units: {_name_list(several)}. Each unit is a separate series, "
         "and a change from one to the other is not looked for.", {"parameters": len(several)},
         "Give the recordings of a machine one unit of torque, by a channel map or a torque constant.")]
 
 
-def _correlated(found: Sequence[Trend]) -> list[Finding]:
-    """Series whose neighbours are alike."""
-    alike = sorted((t for t in found if t.correlation > CORRELATED / t.units ** 0.5),
-                   key=lambda t: -t.correlation)
-    if not alike:
+def _correlation_findings(found: Sequence[Trend]) -> list[Finding]:
+    """Series whose neighbouring recordings are correlated."""
+    correlated = sorted((t for t in found if t.correlation > CORRELATION_SIGNIFICANCE / t.sample_count ** 0.5),
+                        key=lambda t: -t.correlation)
+    if not correlated:
         return []
     return [Finding(
         "note", "recordings-correlated",
         f"Beside steps and drift, neighbouring recordings are alike: "
-        f"{_listed([f'{subject(t.series)} by {t.correlation:.2f}' for t in alike])} (correlation). Intervals and "
-        "tests have it in them.", {"series": len(alike), "largest": alike[0].correlation},
+        f"{_name_list([f'{series_subject(t.series)} by {t.correlation:.2f}' for t in correlated])} (correlation). "
+        "Intervals and tests include it.", {"series": len(correlated), "largest": correlated[0].correlation},
         "Look for what varies slowly, such as the temperature. Small steps listed there may be parts of it.")]
 
 
-def _listed(names: Sequence[str]) -> str:
-    more = len(names) - LISTED
-    return ", ".join(names[:LISTED]) + (f" and {more} more" if more > 0 else "")
+def _name_list(names: Sequence[str]) -> str:
+    more = len(names) - MAX_NAMES_LISTED
+    return ", ".join(names[:MAX_NAMES_LISTED]) + (f" and {more} more" if more > 0 else "")

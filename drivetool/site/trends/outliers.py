@@ -1,4 +1,4 @@
-"""Recordings that lie far from all others of their series: mislabelled, of another machine, or gone wrong."""
+"""Outliers of a series: recordings that are mislabelled, of another machine, or faulty."""
 
 from __future__ import annotations
 
@@ -6,9 +6,15 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from drivetool.site.trends.change_points import FEWEST, LEVEL, Model, columns, model_of
-from drivetool.site.trends.regression import fit
-from drivetool.site.trends.weights import scatter_weights, trust, weights_of
+from drivetool.site.trends.change_points import (
+    MIN_SERIES_LENGTH,
+    SITE_FALSE_ALARM_RATE,
+    ChangeModel,
+    model_columns,
+    select_model,
+)
+from drivetool.site.trends.regression import weighted_fit
+from drivetool.site.trends.weights import outlier_factors, robust_weights, scatter_weights
 
 
 @dataclass(frozen=True)
@@ -16,9 +22,9 @@ class Outlier:
     """A recording that is left out of its series.
 
     place     among all recordings of the series, from 0
-    value     its own; expected: what the others say at its place, their steps and their drift included
+    value     its own; expected: the prediction from the others at its place, with their steps and drift
     std       standard deviation of the others about that; ratio: distance over it
-    chance    of a recording as far off, for all recordings and tests of the site
+    chance    of such a deviation without a cause, for all recordings and tests of the site
     """
 
     place: int
@@ -29,47 +35,49 @@ class Outlier:
     chance: float
 
 
-def outliers_of(values: np.ndarray, variances: np.ndarray, tests: int, bar: float) -> tuple[Outlier, ...]:
-    """The recordings of a series that the steps and the drift of the others do not explain, by their places.
+def outliers_of(values: np.ndarray, variances: np.ndarray, tests: int, min_ratio: float) -> tuple[Outlier, ...]:
+    """The recordings of a series that do not fit the steps and the drift of the others, by their places.
 
     values     (n,) in the order of the recordings; variances (n,) of each by its stated std
     tests      how many hypotheses are tested in all: TESTS_PER_SERIES per series
-    bar        how many standard deviations of the others a recording must be off
-    returns    one Outlier each. The farthest recording is taken out first; then the steps and the drift of the
-               others are looked for anew, as long as a recording is both that far and significant. The second
+    min_ratio  smallest deviation of an outlier, in standard deviations of the others
+    returns    one Outlier each. The farthest recording is removed first; then the steps and the drift of the
+               others are fitted again, as long as a recording is both that far and significant. The second
                recording of a step explains the first, so that neither is an outlier.
     source     Cook and Weisberg 1982 (externally studentised residuals, Bonferroni over the recordings)
     """
-    kept, found = np.arange(len(values)), list[Outlier]()
-    while len(kept) > FEWEST:
-        farthest = _farthest(values[kept], variances[kept], tests)
-        if farthest.ratio < bar or farthest.chance > LEVEL:
+    remaining, found = np.arange(len(values)), list[Outlier]()
+    while len(remaining) > MIN_SERIES_LENGTH:
+        farthest = _farthest_recording(values[remaining], variances[remaining], tests)
+        if farthest.ratio < min_ratio or farthest.chance > SITE_FALSE_ALARM_RATE:
             break
-        found.append(replace(farthest, place=int(kept[farthest.place])))
-        kept = np.delete(kept, farthest.place)
+        found.append(replace(farthest, place=int(remaining[farthest.place])))
+        remaining = np.delete(remaining, farthest.place)
     return tuple(sorted(found, key=lambda outlier: outlier.place))
 
 
-def _farthest(values: np.ndarray, variances: np.ndarray, tests: int) -> Outlier:
-    """The recording farthest from what the others say; how far that is where the stated std counts, and where not.
+def _farthest_recording(values: np.ndarray, variances: np.ndarray, tests: int) -> Outlier:
+    """The recording with the largest deviation from the others, with and without the stated std as weight.
 
-    The less of the two is taken: a std by few intervals of a record may be far too small by chance.
+    The smaller ratio of the two is taken: a std from few intervals of a record may be far too small by chance.
     """
-    own = scatter_weights(values, variances)
-    model = model_of(values, weights_of(values, variances), tests)
-    off = np.abs(values - columns(len(values), model.slope, model.cuts) @ model.fit.coefficients)
-    place = int(np.argmax(off * np.sqrt(own)))
-    return min((_apart(values, each, model, place, tests) for each in (variances, np.zeros_like(variances))),
-               key=lambda outlier: outlier.ratio)
+    own_weights = scatter_weights(values, variances)
+    model = select_model(values, robust_weights(values, variances), tests)
+    residuals = np.abs(values - model_columns(len(values), model.slope, model.cuts) @ model.fit.coefficients)
+    place = int(np.argmax(residuals * np.sqrt(own_weights)))
+    return min((_outlier_against_others(values, each, model, place, tests)
+                for each in (variances, np.zeros_like(variances))), key=lambda outlier: outlier.ratio)
 
 
-def _apart(values: np.ndarray, variances: np.ndarray, model: Model, place: int, tests: int) -> Outlier:
-    """A recording against the others, by a column of its own; its weight is as if it were no outlier."""
-    own = scatter_weights(values, variances)
-    alone = np.arange(len(values)) == place
-    design = np.column_stack([columns(len(values), model.slope, model.cuts), alone])
-    found = fit(values, np.where(alone, own, own * trust(values, own)), design)
-    far, std = float(found.coefficients[-1]), found.std_left / float(np.sqrt(own[place]))
-    ratio = abs(far) / std if std > 0.0 else 0.0  # all are zero
-    return Outlier(place, float(values[place]), float(values[place]) - far, std, ratio,
+def _outlier_against_others(values: np.ndarray, variances: np.ndarray, model: ChangeModel, place: int,
+                            tests: int) -> Outlier:
+    """The deviation of a recording, by a separate column; its weight is that of a recording without one."""
+    own_weights = scatter_weights(values, variances)
+    own_column = np.arange(len(values)) == place
+    design = np.column_stack([model_columns(len(values), model.slope, model.cuts), own_column])
+    found = weighted_fit(values, np.where(own_column, own_weights,
+                                          own_weights * outlier_factors(values, own_weights)), design)
+    deviation, std = float(found.coefficients[-1]), found.residual_std / float(np.sqrt(own_weights[place]))
+    ratio = abs(deviation) / std if std > 0.0 else 0.0  # all are zero
+    return Outlier(place, float(values[place]), float(values[place]) - deviation, std, ratio,
                    min(found.chance(-1) * len(values) * tests, 1.0))

@@ -1,4 +1,4 @@
-"""The mean of recordings that scatter within a day and between days, and an interval that holds for few of them."""
+"""The mean of recordings that scatter within a day and between days, with an interval valid for few recordings."""
 
 from __future__ import annotations
 
@@ -8,10 +8,10 @@ import numpy as np
 from scipy.optimize import brentq
 from scipy.stats import t as student
 
-from drivetool.identify.outcome import mean_of, restricted
+from drivetool.identify.outcome import mean_of, variance_between
 
-# Of the scatter of all values: a smaller variance of a single one would only spoil the numerics.
-SMALLEST_VARIANCE = 1e-8
+# Of the scatter of all values: smaller variances give weights so different that sums lose digits by rounding.
+MIN_RELATIVE_VARIANCE = 1e-8
 
 
 @dataclass(frozen=True)
@@ -19,8 +19,8 @@ class RandomEffects:
     """The mean of a machine over its recordings.
 
     value         in the unit of the values; ci95: its 95 % interval, None for one recording
-    within_day    standard deviation from recording to recording of one day, beyond what the recordings state of
-                  themselves (s_r); None where no day has two recordings
+    within_day    standard deviation from recording to recording of one day, beyond the stated std of the
+                  recordings (s_r); None where no day has two recordings
     between_days  standard deviation from day to day (s_R); None for one day, or where the days are not known
     recordings    their number; days: number of days, None where they are not known
     """
@@ -37,53 +37,54 @@ def random_effects(values: np.ndarray, variances: np.ndarray, days: np.ndarray |
     """The random-effects mean with s_r within a day and s_R between days.
 
     values     (n,) one per recording
-    variances  (n,) of each by its stated std, at least 0
+    variances  (n,) of each from its stated std, at least 0
     days       (n,) whole days; None: all recordings count as made on one day
-    returns    RandomEffects. The variances are of restricted maximum likelihood (REML), first within the days, then
-               between their means. The interval is that of Hartung and Knapp over the days, or over the recordings
-               of a single day; then it holds for that day.
+    returns    RandomEffects. The variances are estimated by restricted maximum likelihood (REML), first within the
+               days, then between their means. The interval is that of Hartung and Knapp over the days, or over the
+               recordings of a single day; then it holds for that day.
     source     Patterson and Thompson 1971 (REML); Hartung and Knapp 2001 (interval by Student's t)
     """
-    size = float(np.max(np.abs(values))) or 1.0  # in whose unit no square is too large or too small
-    found = _mean(values / size, variances / size / size, days)
-    value, inside, between = (None if x is None else x * size for x in (
+    scale = float(np.max(np.abs(values))) or 1.0  # scaled values have squares without overflow or underflow
+    found = _scaled_random_effects(values / scale, variances / scale / scale, days)
+    value, within_day, between = (None if x is None else x * scale for x in (
         found.value, found.within_day, found.between_days))
-    ci95 = None if found.ci95 is None else (found.ci95[0] * size, found.ci95[1] * size)
-    return RandomEffects(value, ci95, inside, between, found.recordings, found.days)
+    ci95 = None if found.ci95 is None else (found.ci95[0] * scale, found.ci95[1] * scale)
+    return RandomEffects(value, ci95, within_day, between, found.recordings, found.days)
 
 
-def _mean(values: np.ndarray, variances: np.ndarray, days: np.ndarray | None) -> RandomEffects:
-    """The same of values whose largest one is 1."""
+def _scaled_random_effects(values: np.ndarray, variances: np.ndarray, days: np.ndarray | None) -> RandomEffects:
+    """`random_effects` for values scaled to a largest one of 1."""
     n = len(values)
     groups = [np.arange(n)] if days is None else [np.flatnonzero(days == day) for day in np.unique(days)]
     count = None if days is None else len(groups)
     if n == 1:
         return RandomEffects(float(values[0]), None, None, None, 1, count)
-    scatter = float(np.var(values)) or SMALLEST_VARIANCE
-    variances = np.maximum(variances, SMALLEST_VARIANCE * scatter)
-    inside = within(values, variances, groups) if any(len(group) > 1 for group in groups) else None
+    scatter = float(np.var(values)) or MIN_RELATIVE_VARIANCE
+    variances = np.maximum(variances, MIN_RELATIVE_VARIANCE * scatter)
+    within_day = within_day_variance(values, variances, groups) if any(len(group) > 1 for group in groups) else None
     if len(groups) == 1:
         mean = mean_of(values, variances)
-        return RandomEffects(mean.value, _interval(mean.value, mean.variance, n - 1), _root(inside), None, n, count)
-    weights = 1.0 / (variances + (inside or 0.0))
-    own = np.array([np.sum(weights[group]) for group in groups])
-    means = np.array([np.sum(weights[group] * values[group]) for group in groups]) / own
-    mean = mean_of(means, 1.0 / own)
-    return RandomEffects(mean.value, _interval(mean.value, mean.variance, len(groups) - 1), _root(inside),
-                         _root(restricted(means, 1.0 / own)), n, count)
+        return RandomEffects(mean.value, _student_interval(mean.value, mean.variance, n - 1), _std_of(within_day),
+                             None, n, count)
+    weights = 1.0 / (variances + (within_day or 0.0))
+    day_weights = np.array([np.sum(weights[group]) for group in groups])
+    means = np.array([np.sum(weights[group] * values[group]) for group in groups]) / day_weights
+    mean = mean_of(means, 1.0 / day_weights)
+    return RandomEffects(mean.value, _student_interval(mean.value, mean.variance, len(groups) - 1),
+                         _std_of(within_day), _std_of(variance_between(means, 1.0 / day_weights)), n, count)
 
 
-def within(values: np.ndarray, variances: np.ndarray, groups: list[np.ndarray]) -> float:
-    """The variance within groups beyond the stated one, by restricted likelihood; each group has its own mean.
+def within_day_variance(values: np.ndarray, variances: np.ndarray, groups: list[np.ndarray]) -> float:
+    """The variance within groups beyond the stated one, by REML; each group has its own mean.
 
     values, variances  (n,); groups: places of the recordings of each day
     """
     groups = [group for group in groups if len(group) > 1]
 
-    def slope(inside: float) -> float:
+    def slope(candidate: float) -> float:
         found = 0.0
         for group in groups:
-            weight = 1.0 / (inside + variances[group])
+            weight = 1.0 / (candidate + variances[group])
             mean = np.sum(weight * values[group]) / np.sum(weight)
             found += float(np.sum(weight**2 * (values[group] - mean) ** 2) - np.sum(weight)
                            + np.sum(weight**2) / np.sum(weight))
@@ -97,11 +98,11 @@ def within(values: np.ndarray, variances: np.ndarray, groups: list[np.ndarray]) 
     return float(brentq(slope, 0.0, high))
 
 
-def _interval(value: float, variance: float, degrees: int) -> tuple[float, float]:
+def _student_interval(value: float, variance: float, degrees: int) -> tuple[float, float]:
     """95 % by Student's t."""
-    far = float(student.ppf(0.975, degrees)) * float(np.sqrt(variance))
-    return value - far, value + far
+    half_width = float(student.ppf(0.975, degrees)) * float(np.sqrt(variance))
+    return value - half_width, value + half_width
 
 
-def _root(variance: float | None) -> float | None:
+def _std_of(variance: float | None) -> float | None:
     return None if variance is None else float(np.sqrt(variance))

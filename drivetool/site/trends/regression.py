@@ -1,4 +1,4 @@
-"""Weighted regression of a series on its places, with the correlation of what is left."""
+"""Weighted regression of a series on its places, with correlated residuals."""
 
 from __future__ import annotations
 
@@ -7,52 +7,52 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.stats import t as student
 
-# Of the largest value: a file has 10 significant digits, and what is left below them is none.
-ROUNDING = 1e-10
-MOST_CORRELATION = 0.9  # beyond it a series of some tens of recordings has hardly two independent ones
+# Of the largest value: a file has 10 significant digits, and smaller residuals are rounding.
+RELATIVE_ROUNDING = 1e-10
+MAX_NEIGHBOUR_CORRELATION = 0.9  # beyond it some tens of recordings hardly contain two independent ones
 
 
 @dataclass(frozen=True)
-class Fit:
+class WeightedFit:
     """A regression with k columns on n recordings.
 
     coefficients  (k,) in the unit of the values, per unit of the column
-    std           (k,) by what is left, its correlation included
-    left          (n,) values less the fit, times the root of the weight
-    std_left      standard deviation of one recording of weight 1 about the fit
+    std           (k,) from the residuals and their correlation
+    weighted_residuals  (n,) residuals times the square root of the weight
+    residual_std  standard deviation of one recording of weight 1 about the fit
     degrees       n - k
-    correlation   of neighbours in what is left, its bias removed; 0 where it is negative
+    correlation   of neighbouring residuals, bias removed; 0 where it is negative
     """
 
     coefficients: np.ndarray
     std: np.ndarray
-    left: np.ndarray
-    std_left: float
+    weighted_residuals: np.ndarray
+    residual_std: float
     degrees: int
     correlation: float
 
     @property
     def squares(self) -> float:
-        """Sum of the squares of what is left."""
-        return float(np.sum(self.left**2))
+        """Sum of the squared residuals."""
+        return float(np.sum(self.weighted_residuals**2))
 
     def chance(self, j: int) -> float:
-        """Chance of a coefficient as large where there is none, by Student's t."""
+        """Two-sided p-value of a coefficient, by Student's t."""
         if self.std[j] <= 0.0:
             return 0.0 if self.coefficients[j] else 1.0
         return float(2.0 * student.sf(abs(self.coefficients[j]) / self.std[j], self.degrees))
 
     def interval(self, j: int) -> tuple[float, float]:
         """The 95 % interval of a coefficient."""
-        far = float(student.ppf(0.975, self.degrees)) * float(self.std[j])
-        return float(self.coefficients[j]) - far, float(self.coefficients[j]) + far
+        half_width = float(student.ppf(0.975, self.degrees)) * float(self.std[j])
+        return float(self.coefficients[j]) - half_width, float(self.coefficients[j]) + half_width
 
 
-def fit(values: np.ndarray, weights: np.ndarray, columns: np.ndarray) -> Fit:
-    """Least squares with weights, scaled by what is left.
+def weighted_fit(values: np.ndarray, weights: np.ndarray, columns: np.ndarray) -> WeightedFit:
+    """Weighted least squares, scaled by the residual variance.
 
     values   (n,); weights (n,) of mean 1; columns (n, k) of full rank, k < n
-    returns  Fit. Where neighbours of what is left are correlated by r, a variance is (1 + r) / (1 - r) times that
+    returns  Fit. If neighbouring residuals have the correlation r, a variance is (1 + r) / (1 - r) times that
              of independent ones: the variance of a mean of a first-order autoregression.
     source   Knapp and Hartung 2003 (scale in a random-effects regression); Bayley and Hammersley 1946 (variance
              of a correlated mean)
@@ -61,24 +61,25 @@ def fit(values: np.ndarray, weights: np.ndarray, columns: np.ndarray) -> Fit:
     design = columns * root[:, None]
     q, r = np.linalg.qr(design)
     coefficients = np.linalg.solve(r, q.T @ (root * values))
-    left = root * values - design @ coefficients
+    residuals = root * values - design @ coefficients
     degrees = len(values) - columns.shape[1]
-    spread = max(float(np.sum(left**2)) / degrees, (ROUNDING * float(np.max(np.abs(values)))) ** 2)
-    rho = correlation(left, columns.shape[1])
+    residual_variance = max(float(np.sum(residuals**2)) / degrees,
+                            (RELATIVE_ROUNDING * float(np.max(np.abs(values)))) ** 2)
+    rho = neighbour_correlation(residuals, columns.shape[1])
     inverse = np.linalg.inv(r)
-    std = np.sqrt(np.sum(inverse**2, axis=1) * spread * (1.0 + rho) / (1.0 - rho))
-    return Fit(coefficients, std, left, float(np.sqrt(spread)), degrees, rho)
+    std = np.sqrt(np.sum(inverse**2, axis=1) * residual_variance * (1.0 + rho) / (1.0 - rho))
+    return WeightedFit(coefficients, std, residuals, float(np.sqrt(residual_variance)), degrees, rho)
 
 
-def correlation(left: np.ndarray, k: int) -> float:
-    """The correlation of neighbours, from 0 to MOST_CORRELATION.
+def neighbour_correlation(residuals: np.ndarray, k: int) -> float:
+    """The correlation of neighbouring residuals, from 0 to MAX_NEIGHBOUR_CORRELATION.
 
-    left    (n,) what a regression with k columns leaves, which pulls the correlation down
-    source  Marriott and Pope 1954 for a mean (k = 1) and, to its first order, for the further columns: the
-            expectation is r - (k + (k + 2) r) / n
+    residuals  (n,) of a regression with k columns, which biases the correlation downwards
+    source     Marriott and Pope 1954 for a mean (k = 1) and, to its first order, for the further columns: the
+               expectation is r - (k + (k + 2) r) / n
     """
-    n, whole = len(left), float(np.sum(left**2))
-    if n <= k + 3 or whole <= 0.0:
+    n, sum_of_squares = len(residuals), float(np.sum(residuals**2))
+    if n <= k + 3 or sum_of_squares <= 0.0:
         return 0.0
-    raw = float(np.sum(left[1:] * left[:-1])) / whole
-    return float(np.clip((raw * n + k) / (n - k - 2), 0.0, MOST_CORRELATION))
+    raw = float(np.sum(residuals[1:] * residuals[:-1])) / sum_of_squares
+    return float(np.clip((raw * n + k) / (n - k - 2), 0.0, MAX_NEIGHBOUR_CORRELATION))

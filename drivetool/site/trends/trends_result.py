@@ -1,4 +1,4 @@
-"""Trends to disk."""
+"""The trends file."""
 
 from __future__ import annotations
 
@@ -12,8 +12,8 @@ from typing import Any
 from drivetool.errors import Finding
 from drivetool.files.results import Inputs, file_sections, finding_sections, tool_section
 from drivetool.files.shapes import trend_shapes as shapes
-from drivetool.files.yaml import plain, several
-from drivetool.logs import shown
+from drivetool.files.yaml import counted_noun, to_plain
+from drivetool.logs import display_name
 from drivetool.site.trends.outliers import Outlier
 from drivetool.site.trends.random_effects import RandomEffects
 from drivetool.site.trends.trend import Change, Drift, Slope, Trend
@@ -27,61 +27,63 @@ def trends_file(findings: Sequence[Finding], found: Sequence[Trend], options: Ma
     options          of the command; inputs: (name, sha256) of the summary
     """
     return shapes.TrendsFile(
-        schema=shapes.TRENDS_SCHEMA, tool=tool_section(), step="trend", outcome=outcome(findings, found),
-        series=[_series(each) for each in found], findings=finding_sections(findings),
-        inputs=file_sections(inputs), options=plain(options))
+        schema=shapes.TRENDS_SCHEMA, tool=tool_section(), step="trend", outcome=count_sentence(findings, found),
+        series=[_series_section(each) for each in found], findings=finding_sections(findings),
+        inputs=file_sections(inputs), options=to_plain(options))
 
 
-def outcome(findings: Sequence[Finding], found: Sequence[Trend]) -> str:
+def count_sentence(findings: Sequence[Finding], found: Sequence[Trend]) -> str:
     """How many alarms there are, in how many series, in one sentence."""
     machines = len({each.series.machine for each in found})
-    counts = [several(sum(f.code == code for f in findings), noun) for code, noun in (
+    counts = [counted_noun(sum(f.code == code for f in findings), noun) for code, noun in (
         ("trend-alarm", "alarm"), ("small-change", "smaller change"), ("outlying-recording", "outlying recording"))]
-    return f"{several(len(found), 'series')} of {several(machines, 'machine')}: {', '.join(counts)}"
+    return f"{counted_noun(len(found), 'series')} of {counted_noun(machines, 'machine')}: {', '.join(counts)}"
 
 
 def summary_input(path: str) -> tuple[str, str]:
     """(name, sha256) of a summary that was read."""
-    return shown(Path(path)), hashlib.sha256(Path(path).read_bytes()).hexdigest()
+    return display_name(Path(path)), hashlib.sha256(Path(path).read_bytes()).hexdigest()
 
 
-def _series(trend: Trend) -> shapes.SeriesSection:
+def _series_section(trend: Trend) -> shapes.SeriesSection:
     series = trend.series
     return shapes.SeriesSection(
         machine=series.machine, parameter=series.parameter, step=series.step,
         kind=series.kind, unit=series.unit,
         first=series.recordings[0], last=series.recordings[-1], left_out=series.left_out,
-        outliers=[_outlier(name, outlier) for name, outlier in trend.outliers], mean=_mean(trend.mean),
-        parts=[_mean(part) for part in trend.parts], drift=trend.drift and _drift(trend.drift),
-        changes=[_change(trend, change) for change in trend.changes], correlation=plain(trend.correlation),
+        outliers=[_outlier_section(name, outlier) for name, outlier in trend.outliers],
+        mean=_mean_section(trend.mean), parts=[_mean_section(part) for part in trend.parts],
+        drift=trend.drift and _drift_section(trend.drift),
+        changes=[_change_section(trend, change) for change in trend.changes],
+        correlation=to_plain(trend.correlation),
         reason=trend.reason)
 
 
-def _outlier(name: str, outlier: Outlier) -> shapes.OutlierSection:
-    content = plain(asdict(outlier))
+def _outlier_section(name: str, outlier: Outlier) -> shapes.OutlierSection:
+    content = to_plain(asdict(outlier))
     del content["place"]
     return shapes.OutlierSection(recording=name, **content)
 
 
-def _mean(mean: RandomEffects) -> shapes.MeanSection:
+def _mean_section(mean: RandomEffects) -> shapes.MeanSection:
     return shapes.MeanSection(
-        value=plain(mean.value), ci95=_pair(mean.ci95), std_within_day=plain(mean.within_day),
-        std_between_days=plain(mean.between_days), recordings=mean.recordings, days=mean.days)
+        value=to_plain(mean.value), ci95=_plain_pair(mean.ci95), std_within_day=to_plain(mean.within_day),
+        std_between_days=to_plain(mean.between_days), recordings=mean.recordings, days=mean.days)
 
 
-def _drift(drift: Drift) -> shapes.DriftSection:
-    content = plain(asdict(drift)) | {"significant": drift.told}
-    del content["told"]
-    return shapes.DriftSection(**content | {
-        "per_recording": _slope(drift.per_recording), "per_day": drift.per_day and _slope(drift.per_day)})
+def _drift_section(drift: Drift) -> shapes.DriftSection:
+    content = to_plain(asdict(drift))
+    slopes = {"per_recording": _slope_section(drift.per_recording),
+              "per_day": drift.per_day and _slope_section(drift.per_day)}
+    return shapes.DriftSection(**content | slopes)
 
 
-def _slope(slope: Slope) -> shapes.SlopeSection:
-    return shapes.SlopeSection(value=plain(slope.value), std=plain(slope.std), ci95=_pair(slope.ci95))
+def _slope_section(slope: Slope) -> shapes.SlopeSection:
+    return shapes.SlopeSection(value=to_plain(slope.value), std=to_plain(slope.std), ci95=_plain_pair(slope.ci95))
 
 
-def _change(trend: Trend, change: Change) -> shapes.ChangeSection:
-    series, content = trend.series, plain(asdict(change))
+def _change_section(trend: Trend, change: Change) -> shapes.ChangeSection:
+    series, content = trend.series, to_plain(asdict(change))
     place = content.pop("place")
     began = None if series.starts is None else tuple(
         datetime.fromtimestamp(float(series.starts[i]), UTC).strftime("%Y-%m-%dT%H:%M:%SZ")
@@ -90,5 +92,5 @@ def _change(trend: Trend, change: Change) -> shapes.ChangeSection:
                                 began=began, **content)
 
 
-def _pair(pair: tuple[float, float] | None) -> tuple[float | None, float | None] | None:
-    return None if pair is None else (plain(pair[0]), plain(pair[1]))
+def _plain_pair(pair: tuple[float, float] | None) -> tuple[float | None, float | None] | None:
+    return None if pair is None else (to_plain(pair[0]), to_plain(pair[1]))

@@ -1,16 +1,17 @@
-"""How much each recording of a series counts: by its stated std, by the scatter, and by how far off it lies."""
+"""Weights of the recordings of a series: from the stated std, the scatter, and the deviation of each."""
 
 from __future__ import annotations
 
 import numpy as np
 
-from drivetool.site.trends.regression import ROUNDING
+from drivetool.site.trends.regression import RELATIVE_ROUNDING
 
-WINDOW = 5  # recordings of the running median: it keeps a step with three recordings on either side, two at an end
-# Standard deviations from the running median from which on a recording counts less. Of normal values 3 in 1000
-# do; of heavy tails the far ones, which a mean of few recordings would follow.
-FAR = 4.0
-# A median of absolute normal values over their standard deviation, and the same of squares of differences.
+# Recordings of the running median. It preserves a step with three recordings on either side, two at an end.
+MEDIAN_WINDOW = 5
+# Standard deviations from the running median beyond which a recording has less weight. Of normal values 3 in 1000
+# are beyond; of heavy tails the extreme ones, which would shift a mean of few recordings.
+FULL_WEIGHT_DISTANCE = 4.0
+# Median of |x| and of x^2 for a standard normal x: they turn medians into a standard deviation and a variance.
 MEDIAN_TO_STD, MEDIAN_OF_CHI2 = 0.6745, 0.4549
 
 
@@ -19,39 +20,39 @@ def scatter_weights(values: np.ndarray, variances: np.ndarray) -> np.ndarray:
 
     values     (n,) in the order of the recordings
     variances  (n,) of each by its stated std
-    returns    weights; the scatter is taken from differences of neighbours, so that neither a step nor a drift is
-               in it
+    returns    weights; the scatter is estimated from differences of neighbours, which contain neither steps nor
+               drift
     source     Rice 1984 (variance by differences)
     """
-    size = float(np.max(np.abs(values))) or 1.0
-    values, variances = values / size, variances / size / size
+    scale = float(np.max(np.abs(values))) or 1.0
+    values, variances = values / scale, variances / scale / scale
     by_differences = float(np.median(np.diff(values) ** 2)) / (2.0 * MEDIAN_OF_CHI2)
     scatter = max(by_differences - float(np.median(variances)), 0.0)
-    weights = 1.0 / np.maximum(variances + scatter, ROUNDING**2)
+    weights = 1.0 / np.maximum(variances + scatter, RELATIVE_ROUNDING**2)
     return weights / weights.mean()
 
 
-def weights_of(values: np.ndarray, variances: np.ndarray) -> np.ndarray:
+def robust_weights(values: np.ndarray, variances: np.ndarray) -> np.ndarray:
     """Weights for a regression on the place of the recording, of mean 1.
 
     values, variances  as of `scatter_weights`
-    returns            (n,) those weights; a recording far off the running median counts by the square of its
-                       distance less, so that no single one has more to say than one at FAR
+    returns            (n,) those weights; a recording far off the running median has a weight that falls
+                       with the square of its distance: none has more influence than one at FULL_WEIGHT_DISTANCE
     source             Holland and Welsch 1977 (weights that fall by the square); Hampel 1974 (running median)
     """
     weights = scatter_weights(values, variances)
-    weights = weights * trust(values, weights)
+    weights = weights * outlier_factors(values, weights)
     return weights / weights.mean()
 
 
-def trust(values: np.ndarray, weights: np.ndarray) -> np.ndarray:
-    """(n,) factors up to 1 by which recordings far off the running median count less; weights (n,) without them."""
-    off = np.abs(values - running_median(values)) * np.sqrt(weights)
-    scale = float(np.median(off[off > 0.0])) / MEDIAN_TO_STD if np.any(off > 0.0) else 1.0
-    return np.minimum(1.0, FAR * scale / np.maximum(off, scale)) ** 2
+def outlier_factors(values: np.ndarray, weights: np.ndarray) -> np.ndarray:
+    """(n,) factors up to 1 that reduce the weight of recordings far off the running median; weights (n,) before."""
+    deviations = np.abs(values - running_median(values)) * np.sqrt(weights)
+    scale = float(np.median(deviations[deviations > 0.0])) / MEDIAN_TO_STD if np.any(deviations > 0.0) else 1.0
+    return np.minimum(1.0, FULL_WEIGHT_DISTANCE * scale / np.maximum(deviations, scale)) ** 2
 
 
 def running_median(values: np.ndarray) -> np.ndarray:
-    """(n,) median over WINDOW recordings, over fewer at the ends."""
-    half = WINDOW // 2
+    """(n,) median over MEDIAN_WINDOW recordings, over fewer at the ends."""
+    half = MEDIAN_WINDOW // 2
     return np.array([np.median(values[max(i - half, 0):i + half + 1]) for i in range(len(values))])

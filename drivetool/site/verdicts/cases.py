@@ -7,18 +7,18 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from xml.sax.saxutils import escape, quoteattr
 
-from drivetool.files.yaml import visible
+from drivetool.files.yaml import escape_unprintable
 
-# Markdown and the HTML in it take these for their own. A star or a bracket within a file's name is one, too.
-_MARKED = re.compile(r"([\\`*_{}\[\]<>#|~$@])")
-MOST_LISTED = 200  # missed bars in a step summary, which may have 1 MiB on GitHub
+# Characters with a meaning in Markdown or HTML; they also occur in names of files.
+_MARKDOWN_SIGNS = re.compile(r"([\\`*_{}\[\]<>#|~$@])")
+MAX_LINES_LISTED = 200  # GitHub limits a step summary to 1 MiB: a line may have 5 kB
 
 
 @dataclass(frozen=True)
 class Case:
     """One bar of one recording, or one step that was to run.
 
-    machine, recording  whom it is about; recording is empty for a bar of the machine as a whole
+    machine, recording  its subject; recording is empty for a bar of the machine as a whole
     name      the bar as it was written, or 'STEP runs'
     passed    whether it is met
     text      what was wanted, what was found and what to do; empty if passed
@@ -38,15 +38,15 @@ def junit(cases: Sequence[Case]) -> str:
 
     cases    in any order; machines come in the order of their first case
     returns  UTF-8 text without times, so that the same cases give the same bytes. The text of a failure is its
-             body, the first line also its message; warnings are in system-out. What XML cannot hold is written as
-             in source code.
-    source   testmoapp/junitxml, the form that GitLab, Jenkins and GitHub actions read
+             body, the first line also its message; warnings are in system-out. Characters that XML cannot hold are
+             written as escapes.
+    source   testmoapp/junitxml, the format that GitLab, Jenkins and GitHub Actions read
     """
     lines = ['<?xml version="1.0" encoding="UTF-8"?>',
-             f'<testsuites name="drivetool" tests="{len(cases)}" failures="{missed(cases)}" errors="0">']
+             f'<testsuites name="drivetool" tests="{len(cases)}" failures="{missed_count(cases)}" errors="0">']
     for machine, own in _by_machine(cases).items():
-        lines.append(f'  <testsuite name={_attribute(machine)} tests="{len(own)}" failures="{missed(own)}" '
-                     'errors="0" skipped="0">')
+        lines.append(f'  <testsuite name={_xml_attribute(machine)} tests="{len(own)}" '
+                     f'failures="{missed_count(own)}" errors="0" skipped="0">')
         for case in own:
             lines += _testcase(case)
         lines.append("  </testsuite>")
@@ -54,28 +54,28 @@ def junit(cases: Sequence[Case]) -> str:
 
 
 def markdown(cases: Sequence[Case]) -> str:
-    """The cases as Markdown: a table of the machines, what is missed, and the warnings folded away.
+    """The cases as Markdown: a table of the machines, the missed bars, and the warnings folded.
 
     cases    as for `junit`
     returns  UTF-8 text for the step summary of GitHub, or a comment on a merge request
     """
-    bad = missed(cases)
+    bad = missed_count(cases)
     verdict = f"{bad} of {len(cases)} checks failed" if bad else f"{len(cases)} checks passed"
     lines = [f"# drivetool: {verdict}", "", "| machine | checks | failed | warnings |", "|---|---:|---:|---:|"]
     for machine, own in _by_machine(cases).items():
-        lines.append(f"| {_marked(machine)} | {len(own)} | {missed(own)} | {len(_warnings(own))} |")
-    misses = [f"- **{_marked(_who(case))}**, {_marked(case.name)}: {_marked(case.text)}"
-              for case in cases if not case.passed]
-    warnings = [f"- {_marked(who)}: {_marked(text)}" for who, text in _warnings(cases)]
+        lines.append(f"| {_markdown_text(machine)} | {len(own)} | {missed_count(own)} | {len(_warnings(own))} |")
+    misses = [f"- **{_markdown_text(_recording_or_machine(case))}**, {_markdown_text(case.name)}: "
+              f"{_markdown_text(case.text)}" for case in cases if not case.passed]
+    warnings = [f"- {_markdown_text(who)}: {_markdown_text(text)}" for who, text in _warnings(cases)]
     if misses:
-        lines += ["", "## Failed", "", *_listed(misses)]
+        lines += ["", "## Failed", "", *_list_start(misses)]
     if warnings:
-        lines += ["", "<details><summary>Warnings</summary>", "", *_listed(warnings), "", "</details>"]
+        lines += ["", "<details><summary>Warnings</summary>", "", *_list_start(warnings), "", "</details>"]
     return "\n".join([*lines, ""])
 
 
-def missed(cases: Sequence[Case]) -> int:
-    """How many cases are not passed."""
+def missed_count(cases: Sequence[Case]) -> int:
+    """Number of cases that did not pass."""
     return sum(not case.passed for case in cases)
 
 
@@ -88,41 +88,42 @@ def _by_machine(cases: Sequence[Case]) -> dict[str, list[Case]]:
 
 def _testcase(case: Case) -> list[str]:
     """The lines of one testcase."""
-    head = f"    <testcase classname={_attribute(case.recording or case.machine)} name={_attribute(case.name)}"
+    head = (f"    <testcase classname={_xml_attribute(case.recording or case.machine)} "
+            f"name={_xml_attribute(case.name)}")
     if case.passed and not case.warnings:
         return [f"{head}/>"]
     lines = [f"{head}>"]
     if not case.passed:
         first = case.text.partition("\n")[0]
-        lines.append(f'      <failure message={_attribute(first)} type="bar">{_text(case.text)}</failure>')
+        lines.append(f'      <failure message={_xml_attribute(first)} type="bar">{_xml_text(case.text)}</failure>')
     if case.warnings:
-        shown = "\n".join(map(_text, case.warnings))
-        lines.append(f"      <system-out>{shown}</system-out>")
+        warning_lines = "\n".join(map(_xml_text, case.warnings))
+        lines.append(f"      <system-out>{warning_lines}</system-out>")
     return [*lines, "    </testcase>"]
 
 
 def _warnings(cases: Sequence[Case]) -> list[tuple[str, str]]:
-    """(whom it is about, text), each once: all bars of a recording have the same."""
-    return list(dict.fromkeys((_who(case), text) for case in cases for text in case.warnings))
+    """(recording or machine, text), each once: all bars of a recording have the same warnings."""
+    return list(dict.fromkeys((_recording_or_machine(case), text) for case in cases for text in case.warnings))
 
 
-def _who(case: Case) -> str:
+def _recording_or_machine(case: Case) -> str:
     return case.recording or case.machine
 
 
-def _listed(lines: Sequence[str]) -> list[str]:
-    more = len(lines) - MOST_LISTED
-    return [*lines[:MOST_LISTED], *([f"- and {more} more"] if more > 0 else [])]
+def _list_start(lines: Sequence[str]) -> list[str]:
+    more = len(lines) - MAX_LINES_LISTED
+    return [*lines[:MAX_LINES_LISTED], *([f"- and {more} more"] if more > 0 else [])]
 
 
-def _attribute(text: str) -> str:
-    return quoteattr(visible(text))
+def _xml_attribute(text: str) -> str:
+    return quoteattr(escape_unprintable(text))
 
 
-def _text(text: str) -> str:
-    return escape(visible(text))
+def _xml_text(text: str) -> str:
+    return escape(escape_unprintable(text))
 
 
-def _marked(text: str) -> str:
-    """A text that Markdown shows as it is, in one line."""
-    return _MARKED.sub(r"\\\1", " ".join(visible(text).split()))
+def _markdown_text(text: str) -> str:
+    """A text in one line that Markdown shows unchanged."""
+    return _MARKDOWN_SIGNS.sub(r"\\\1", " ".join(escape_unprintable(text).split()))

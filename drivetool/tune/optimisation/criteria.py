@@ -1,4 +1,4 @@
-"""What a good load-step response is: integrals of the error, all in closed form.
+"""Criteria of a load-step response: integrals of the error, all in closed form.
 
 In modal coordinates the Lyapunov equation is diagonal, so integrals of squares are double sums over
 the modes; the absolute value is integrated lobe by lobe (speed_loop/response.py).
@@ -16,8 +16,8 @@ import numpy as np
 from drivetool.errors import BadOption
 from drivetool.tune.speed_loop import Loop, Modes, Settings, absolute_integrals, decompose
 
-NAMES = ("IAE", "ISE", "IE", "ITSE", "IT2SE")
-HIGHEST = 16  # power of time; beyond it the figure says nothing but how slow the slowest mode is
+CRITERION_NAMES = ("IAE", "ISE", "IE", "ITSE", "IT2SE")
+MAX_TIME_POWER = 16  # power of time; beyond it the figure depends on the slowest mode only
 
 
 @dataclass(frozen=True)
@@ -26,10 +26,10 @@ class Criterion:
 
     name     IE: |int e|; IAE: int |e|; ISE: int e^2; IT<k>SE: int t^k e^2, ITSE for k = 1
     weights  signal -> weight; absent: the load speed alone. Signals are load_speed, motor_speed
-             and <motor>_torque, the latter less its value at rest; weighted errors are summed
+             and <motor>_torque, the latter minus its value at rest; weighted errors are summed
              for IE and IAE, their squares for the others
-    source   Tallfors 2005, (3.1) and sec. 3.3; the minimum printed in its figure 3.8 tells that
-             the power of time stands outside the square
+    source   Tallfors 2005, (3.1) and sec. 3.3; the minimum printed in its figure 3.8 shows that
+             the power of time is outside the square
     """
 
     name: str = "IAE"
@@ -49,8 +49,9 @@ def criterion(name: str, weights: Mapping[str, float] | None = None) -> Criterio
     raises  BadOption: an unknown name, a power of time too high, a negative weight, none above zero
     """
     found = re.fullmatch(r"IE|ISE|IAE|IT(\d*)SE", name.upper())
-    if not found or int(found[1] or 1) > HIGHEST:
-        raise BadOption(f"a criterion, IT<k>SE up to k = {HIGHEST}", f"'{name}'", "Choose one.", NAMES)
+    if not found or int(found[1] or 1) > MAX_TIME_POWER:
+        raise BadOption(f"a criterion, IT<k>SE up to k = {MAX_TIME_POWER}", f"'{name}'", "Choose one.",
+                        CRITERION_NAMES)
     weights = {"load_speed": 1.0} | dict(weights or {})
     wrong = [f"{k}={v:g}" for k, v in weights.items() if not 0.0 <= v < np.inf]
     if wrong or not any(weights.values()):
@@ -59,7 +60,7 @@ def criterion(name: str, weights: Mapping[str, float] | None = None) -> Criterio
     return Criterion(name.upper(), {k: v for k, v in weights.items() if v > 0.0})
 
 
-def values(loop: Loop, wanted: Criterion, gain: np.ndarray, integral_time: np.ndarray,
+def criterion_values(loop: Loop, wanted: Criterion, gain: np.ndarray, integral_time: np.ndarray,
            second: np.ndarray) -> np.ndarray:
     """(m,) the criterion of m settings, each (m,); infinite where the loop is unstable."""
     names = list(wanted.weights)
@@ -67,14 +68,14 @@ def values(loop: Loop, wanted: Criterion, gain: np.ndarray, integral_time: np.nd
                                loop.outputs(names, gain, integral_time, second))
     total = np.zeros(len(rates))
     for k, name in enumerate(names):
-        total += _integral(wanted, rates, np.ascontiguousarray(weights[:, k] * wanted.weights[name]))
+        total += _closed_integral(wanted, rates, np.ascontiguousarray(weights[:, k] * wanted.weights[name]))
     total[~(rates.real.max(axis=1) < 0.0) | ~np.isfinite(total)] = np.inf
     return total
 
 
-def value(loop: Loop, wanted: Criterion, settings: Settings) -> float:
+def criterion_value(loop: Loop, wanted: Criterion, settings: Settings) -> float:
     """The criterion of one setting."""
-    return float(values(loop, wanted, *(np.array([v]) for v in (
+    return float(criterion_values(loop, wanted, *(np.array([v]) for v in (
         settings.gain, settings.integral_time, settings.second)))[0])
 
 
@@ -94,7 +95,7 @@ def signals(loop: Loop, settings: Settings, names: Sequence[str]) -> dict[str, M
     return {name: Modes(rates[0], weights[0, k], float(-weights[0, k].sum().real)) for k, name in enumerate(names)}
 
 
-def _integral(wanted: Criterion, rates: np.ndarray, weights: np.ndarray) -> np.ndarray:
+def _closed_integral(wanted: Criterion, rates: np.ndarray, weights: np.ndarray) -> np.ndarray:
     """(m,) over rows of modes."""
     if wanted.name == "IE":
         return np.abs((weights / rates).sum(axis=1).real)

@@ -1,4 +1,4 @@
-"""How a load step is felt: what an engineer reads off the response, exact in time."""
+"""Performance factors of a load-step response, exact in time."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ import numpy as np
 from drivetool.tune.optimisation.criteria import signals
 from drivetool.tune.speed_loop import Loop, Modes, Settings, absolute_integral
 
-BAND = 0.05  # of the first peak, for the settling time
+SETTLING_BAND = 0.05  # of the first peak: the usual 5 % settling time
 
 
 @dataclass(frozen=True)
@@ -35,7 +35,7 @@ class SpeedFactors:
 
 @dataclass(frozen=True)
 class Factors:
-    """Both speeds, and by how much each motor's torque exceeds what it ends at [%]."""
+    """Both speeds, and the overshoot of each motor's torque over its final value [%]."""
 
     motor: SpeedFactors
     load: SpeedFactors
@@ -54,19 +54,19 @@ def factors(loop: Loop, settings: Settings) -> Factors:
 
 
 def speed_factors(speed: Modes) -> SpeedFactors:
-    """Of a speed error that starts from zero and dies out."""
+    """Of a speed error that starts from zero and decays."""
     _, values = speed.extrema()
     first, opposite = peaks(values)
     iae, drop = absolute_integral(speed.rates, speed.weights)
     pairs = -(speed.rates[:, None] + speed.rates[None, :])
     return SpeedFactors(
-        first, float(drop), 100.0 * opposite / first, speed.last_outside(BAND * first),
+        first, float(drop), 100.0 * opposite / first, speed.last_outside(SETTLING_BAND * first),
         float(abs((speed.weights / speed.rates).sum().real)),
         float((speed.weights[:, None] * speed.weights / pairs).sum().real), float(iae))
 
 
 def peaks(values: np.ndarray) -> tuple[float, float]:
-    """(largest excursion before the first change of sign, largest to the other side)."""
+    """(largest excursion before the first change of sign, largest of the opposite sign)."""
     sign = np.sign(values[0])
     turned = np.flatnonzero(sign * values < 0.0)
     first = np.max(sign * values[:turned[0]] if len(turned) else sign * values)
@@ -74,7 +74,7 @@ def peaks(values: np.ndarray) -> tuple[float, float]:
 
 
 def torque_overshoot(torque: Modes) -> float:
-    """Largest torque beyond its rest, in % of it."""
+    """Largest torque beyond its final value, in % of it."""
     _, values = torque.extrema()
     if not len(values) or abs(torque.rest) < 1e-12 * np.max(np.abs(values)):
         return 0.0

@@ -1,4 +1,4 @@
-"""What the drive might be as well: draws from the covariance of its parameter file."""
+"""Possible drives: draws from the covariance of the parameter file."""
 
 from __future__ import annotations
 
@@ -14,15 +14,15 @@ from drivetool.tune.optimisation.load_step_factors import peaks
 from drivetool.tune.optimisation.search import sensitivity_of
 from drivetool.tune.speed_loop import Loop, Modes, Settings, Wiring, absolute_integral, build, decompose, plant
 
-LEVELS = (0.05, 0.5, 0.95)
+QUANTILE_LEVELS = (0.05, 0.5, 0.95)  # median and a 90 % interval, which 200 draws still resolve
 
 
 @dataclass(frozen=True)
 class Draws:
-    """Drives that the file's uncertainty allows.
+    """Drives drawn from the uncertainty of the file.
 
-    drives        physical ones, with the nominal values of what has no uncertainty
-    unphysical    draws that a bound of a parameter forbids; left out
+    drives        physical ones, with nominal values of parameters without uncertainty
+    unphysical    draws beyond a bound of a parameter; left out
     names         of the parameters that vary
     """
 
@@ -32,10 +32,10 @@ class Draws:
 
 
 @dataclass(frozen=True)
-class Spread:
+class FigureSpread:
     """How figures of a tuned loop spread over the draws.
 
-    draws, unphysical, unstable  how many
+    draws, unphysical, unstable  numbers of drives
     parameters                   that vary
     above_limit                  share of the physical draws with Ms above the limit
     quantiles                    figure -> level -> value; an unstable draw counts as infinite
@@ -51,33 +51,33 @@ class Spread:
     samples: Mapping[str, np.ndarray]
 
 
-def joint(drive: Drive, known: Covariance | None, stds: Mapping[str, float]) -> Covariance | None:
-    """The covariance of everything that has an uncertainty; without correlation where none is known.
+def joint_covariance(drive: Drive, known: Covariance | None, stds: Mapping[str, float]) -> Covariance | None:
+    """The covariance of all parameters with an uncertainty; uncorrelated if no correlation is known.
 
     known  of the parameter file, in the units of the drive
     stds   standard deviations of single parameters; those in `known` are not used
     """
     names = [n for n in (known.names if known else ()) if drive.value(n) is not None]
-    more = [n for n in stds if n not in names and stds[n] > 0.0 and drive.value(n) is not None]
-    if not names and not more:
+    uncorrelated = [n for n in stds if n not in names and stds[n] > 0.0 and drive.value(n) is not None]
+    if not names and not uncorrelated:
         return None
-    matrix = np.zeros((len(names) + len(more),) * 2)
+    matrix = np.zeros((len(names) + len(uncorrelated),) * 2)
     if names:
         keep = [known.names.index(n) for n in names]
         matrix[:len(names), :len(names)] = known.matrix[np.ix_(keep, keep)]
-    for k, name in enumerate(more, len(names)):
+    for k, name in enumerate(uncorrelated, len(names)):
         matrix[k, k] = stds[name] ** 2
-    return Covariance((*names, *more), matrix)
+    return Covariance((*names, *uncorrelated), matrix)
 
 
-def draw(drive: Drive, covariance: Covariance, count: int, seed: int) -> Draws:
+def draw_drives(drive: Drive, covariance: Covariance, count: int, seed: int) -> Draws:
     """Normal draws with all correlations.
 
-    count   wanted; those that are not physical are left out and counted
+    count   requested; those that are not physical are left out and counted
     seed    of the draws
-    raises  BadParameters: a covariance that is none, or no physical draw
+    raises  BadParameters: an invalid covariance, or no physical draw
     """
-    root = _root(covariance)
+    root = _covariance_root(covariance)
     rng = np.random.default_rng(seed)
     centre = np.array([drive.value(n) for n in covariance.names])
     drives, unphysical = [], 0
@@ -92,8 +92,8 @@ def draw(drive: Drive, covariance: Covariance, count: int, seed: int) -> Draws:
     return Draws(tuple(drives), unphysical, covariance.names)
 
 
-def _root(covariance: Covariance) -> np.ndarray:
-    """(k, k) R with R R' the covariance, whose rounding may have left a direction slightly negative."""
+def _covariance_root(covariance: Covariance) -> np.ndarray:
+    """(k, k) R with R R' the covariance, which rounding may have made slightly indefinite."""
     scale = np.sqrt(np.clip(np.diag(covariance.matrix), 0.0, None))
     scale[scale == 0.0] = 1.0
     correlation = 0.5 * (covariance.matrix + covariance.matrix.T) / np.outer(scale, scale)
@@ -105,23 +105,23 @@ def _root(covariance: Covariance) -> np.ndarray:
     return scale[:, None] * vectors * np.sqrt(np.clip(values, 0.0, None))
 
 
-def spread(draws: Draws, wiring: Wiring, settings: Settings, limit: float) -> Spread:
+def spread_of_figures(draws: Draws, wiring: Wiring, settings: Settings, limit: float) -> FigureSpread:
     """Sensitivity, impact drop and overshoot of one setting over the draws."""
     figures = {"max_sensitivity": [], "impact_drop": [], "overshoot": []}
     for drive in draws.drives:
         loop = build(drive, wiring)
-        found = figures_of(loop, settings)
+        found = loop_figures(loop, settings)
         for name, figure in zip(figures, found, strict=True):
             figures[name].append(figure)
     samples = {name: np.array(values) for name, values in figures.items()}
-    return Spread(
+    return FigureSpread(
         len(draws.drives) + draws.unphysical, draws.unphysical, int(np.isinf(samples["max_sensitivity"]).sum()),
         draws.names, float(np.mean(samples["max_sensitivity"] > limit * (1.0 + 1e-9))),
-        {name: {f"{level:g}": _quantile(values, level) for level in LEVELS} for name, values in samples.items()},
-        samples)
+        {name: {f"{level:g}": _quantile(values, level) for level in QUANTILE_LEVELS}
+         for name, values in samples.items()}, samples)
 
 
-def figures_of(loop: Loop, settings: Settings) -> tuple[float, float, float]:
+def loop_figures(loop: Loop, settings: Settings) -> tuple[float, float, float]:
     """(Ms, impact drop, overshoot [%]) of the load speed; infinite where unstable."""
     ms = sensitivity_of(loop, plant(loop.drive, loop.wiring), settings)
     if np.isinf(ms):
@@ -132,6 +132,6 @@ def figures_of(loop: Loop, settings: Settings) -> tuple[float, float, float]:
 
 
 def _quantile(values: np.ndarray, level: float) -> float:
-    """The least value that a share `level` of the draws does not exceed."""
+    """The smallest value that a share `level` of the draws does not exceed."""
     ordered = np.sort(values)
     return float(ordered[min(len(ordered) - 1, max(0, int(np.ceil(level * len(ordered) - 1e-9)) - 1))])

@@ -1,9 +1,9 @@
-"""The best settings under a limit of the sensitivity, found globally and the same every time.
+"""The best settings under a limit of the sensitivity, by a deterministic global search.
 
 The surface of |error| integrals has kinks where a lobe appears, and the limit is a boundary with
-corners. So: for every integral time the allowed gains are known as intervals (speed_loop/sensitivity.py); a
-grid over them finds the basins; inside a basin the gain is a position between the two ends of its
-interval, so that the polish runs along the boundary as easily as away from it.
+corners. For every integral time the allowed gains are known as intervals (speed_loop/sensitivity.py); a
+grid over them finds the basins. Inside a basin the gain is a position between the two ends of its
+interval, so that the local search moves along the boundary as easily as away from it.
 """
 
 from __future__ import annotations
@@ -16,31 +16,35 @@ import numpy as np
 from scipy.optimize import minimize
 
 from drivetool.errors import BadParameters
-from drivetool.tune.optimisation.criteria import Criterion, values
+from drivetool.tune.optimisation.criteria import Criterion, criterion_values
 from drivetool.tune.speed_loop import (
     Loop,
     Plant,
     Settings,
-    forbidden,
+    forbidden_gains,
     lag_time,
     max_sensitivity,
     plant,
-    refined,
-    speeds_of,
+    rate_range,
+    with_fine_peaks,
 )
 
-TIMES, SECONDS, POSITIONS = 56, 14, 11  # grid: integral times, K of a second controller, gains
-SPREAD = (0.08, 4.0)  # of K
-BASINS = 4  # polished
-ROUNDS = 6
-# First steps in log Ti, log K and position.
-COARSE, MIDDLE, FINE = (0.06, 0.15, 0.1), (0.02, -0.04, 0.1), (3e-3, 3e-3, 0.03)
-NUDGES = (0.0, *(side * size for size in (1e-4, 5e-4, 2e-3, 1e-2, 0.05, 0.2) for side in (1, -1)))
+# Points of the grid: integral times, K of a second controller, gains. A choice: a coarser grid may miss a basin,
+# and the time of a search grows with their product.
+GRID_TIMES, GRID_SECOND_GAINS, GRID_POSITIONS = 56, 14, 11
+# Of K. A choice: beyond it the first or the second controller alone determines the response.
+SECOND_GAIN_RANGE = (0.08, 4.0)
+MAX_BASINS = 4  # A choice: each costs a local search; with few basins a local optimum may remain.
+MAX_RESTARTS = 6  # A choice: the restarts end earlier when one improves the criterion by less than 1e-6.
+# First simplex steps in log Ti, log K and position, about the spacing of the grid or a fraction of it.
+COARSE_STEPS, MIDDLE_STEPS, FINE_STEPS = (0.06, 0.15, 0.1), (0.02, -0.04, 0.1), (3e-3, 3e-3, 0.03)
+# Changes of log Ti and log K that a restart tries, from far below the grid spacing to above it.
+LOG_NUDGES = (0.0, *(side * size for size in (1e-4, 5e-4, 2e-3, 1e-2, 0.05, 0.2) for side in (1, -1)))
 
 
 @dataclass(frozen=True)
-class Limits:
-    """What a design must keep.
+class TuneLimits:
+    """The constraints of a design.
 
     sensitivity  largest Ms
     gain         largest Kp [torque/speed]; infinite: no limit
@@ -51,8 +55,8 @@ class Limits:
 
 
 @dataclass(frozen=True)
-class Task:
-    """A drive in its loop, and the drives it might be as well.
+class TuningProblem:
+    """A drive in its loop, and possible other drives.
 
     scenarios  loops that share the sensitivity limit; the nominal one alone, or draws
     """
@@ -61,78 +65,79 @@ class Task:
     plant: Plant
     scenarios: tuple[tuple[Loop, Plant], ...]
     criterion: Criterion
-    limits: Limits
+    limits: TuneLimits
 
     @property
-    def two(self) -> bool:
-        """Whether K is looked for."""
+    def has_second_gain(self) -> bool:
+        """Whether K is optimised."""
         return self.loop.wiring.configuration == "miso"
 
     @cached_property
     def gains(self) -> tuple[float, float]:
-        """Gains that are looked at: a crossover from far below the resonance to far above the lags."""
-        slow, fast = speeds_of(self.loop.drive, self.loop.wiring)
+        """The range of gains: a crossover from far below the resonance to far above the lags."""
+        slow, fast = rate_range(self.loop.drive, self.loop.wiring)
         total = self.loop.drive.referred_inertia
         return 1e-3 * slow * total, min(1e3 * fast * total, self.limits.gain)
 
     @cached_property
     def times(self) -> tuple[float, float]:
-        """Integral times that are looked at [s]."""
-        slow, fast = speeds_of(self.loop.drive, self.loop.wiring)
+        """The range of integral times [s]."""
+        slow, fast = rate_range(self.loop.drive, self.loop.wiring)
         return 0.2 / fast, 300.0 / slow
 
 
 @dataclass(frozen=True)
-class Found:
+class Optimum:
     """The optimum: settings and the criterion's value."""
 
     settings: Settings
     value: float
 
 
-def task(loop: Loop, criterion: Criterion, limits: Limits, scenarios: Sequence[Loop] = ()) -> Task:
-    """What `optimum` needs; without scenarios the nominal drive is the only one."""
+def tuning_problem(loop: Loop, criterion: Criterion, limits: TuneLimits,
+                   scenarios: Sequence[Loop] = ()) -> TuningProblem:
+    """The problem for `optimum`; without scenarios the nominal drive is the only one."""
     own = plant(loop.drive, loop.wiring)
     others = tuple((other, plant(other.drive, other.wiring)) for other in scenarios)
-    return Task(loop, own, others or ((loop, own),), criterion, limits)
+    return TuningProblem(loop, own, others or ((loop, own),), criterion, limits)
 
 
-def optimum(task: Task) -> Found | None:
+def optimum(task: TuningProblem) -> Optimum | None:
     """The best settings, or None if none is allowed.
 
     raises  BadParameters: without lag or dead time in the loop any gain is allowed
     """
-    shapes = shapes_of(task)
-    basins = _basins(task, shapes)
+    shapes = grid_shapes(task)
+    basins = _find_basins(task, shapes)
     if not basins:
         return None
-    best = min((_polish(task, start, COARSE) for start in basins), key=lambda found: found.value)
-    for _ in range(ROUNDS):  # a simplex may lie down along a kink; a fresh one gets up again
-        again = _polish(task, _nudged(task, best.settings), MIDDLE)
-        gained, best = best.value - again.value, min(best, again, key=lambda found: found.value)
-        if gained < 1e-6 * best.value:
+    best = min((_polish(task, start, COARSE_STEPS) for start in basins), key=lambda found: found.value)
+    for _ in range(MAX_RESTARTS):  # a simplex may collapse along a kink; a new one can leave it
+        retried = _polish(task, _restart_nearby(task, best.settings), MIDDLE_STEPS)
+        improvement, best = best.value - retried.value, min(best, retried, key=lambda found: found.value)
+        if improvement < 1e-6 * best.value:
             break
-    return _settled(task, best)
+    return _refine_optimum(task, best)
 
 
-def _settled(task: Task, best: Found) -> Found:
-    """The optimum with the frequencies of its own peaks in the grid, and so that the limit holds exactly."""
+def _refine_optimum(task: TuningProblem, best: Optimum) -> Optimum:
+    """The optimum on a grid with its own sensitivity peaks, so that the limit holds exactly."""
     limit = working = task.limits.sensitivity
     for _ in range(5):
         task = replace(
             task, limits=replace(task.limits, sensitivity=working),
-            scenarios=tuple((loop, refined(own, best.settings)) for loop, own in task.scenarios))
-        best = _polish(task, _nudged(task, best.settings), FINE)
-        found = reached(task, best.settings)
+            scenarios=tuple((loop, with_fine_peaks(own, best.settings)) for loop, own in task.scenarios))
+        best = _polish(task, _restart_nearby(task, best.settings), FINE_STEPS)
+        found = largest_sensitivity(task, best.settings)
         if found - limit <= 1e-9:
             break
-        # As distances from -1, which no excess turns negative, not even that of an unstable loop.
+        # Corrected as a distance from -1, which stays positive even for an unstable loop.
         working = 1.0 / (1.0 / working + (1.0 / limit - 1.0 / found) * (1.0 + 1e-3))
     return best
 
 
-def reached(task: Task, settings: Settings) -> float:
-    """The least limit that all scenarios keep."""
+def largest_sensitivity(task: TuningProblem, settings: Settings) -> float:
+    """The largest Ms of all scenarios."""
     return max(sensitivity_of(loop, own, settings) for loop, own in task.scenarios)
 
 
@@ -142,18 +147,18 @@ def sensitivity_of(loop: Loop, own: Plant, settings: Settings) -> float:
     return max_sensitivity(own, settings)[0] if stable else np.inf
 
 
-def allowed(task: Task, integral_time: float, second: float) -> np.ndarray:
+def allowed_gains(task: TuningProblem, integral_time: float, second: float) -> np.ndarray:
     """(m, 2) gains that keep the limits, in rising order.
 
-    Between two forbidden intervals no pole can cross the axis, so one look tells whether they are
-    stable.
+    Between two forbidden intervals no pole can cross the axis, so one check of stability covers all gains
+    between them.
     """
     low, high = task.gains
     if low >= high:
         return np.zeros((0, 2))
-    common = np.array([[low, high]])
+    kept = np.array([[low, high]])
     for loop, own in task.scenarios:
-        bad = forbidden(own.shape(integral_time, second), own.w, task.limits.sensitivity)
+        bad = forbidden_gains(own.shape(integral_time, second), own.w, task.limits.sensitivity)
         bad = bad[(bad[:, 1] > low) & (bad[:, 0] < high)]
         ends = np.clip(np.r_[low, bad.ravel(), high].reshape(-1, 2), low, high)
         ends = ends[ends[:, 1] > ends[:, 0] * (1.0 + 1e-9)]
@@ -162,30 +167,30 @@ def allowed(task: Task, integral_time: float, second: float) -> np.ndarray:
             many = np.ones_like(middle)
             poles = np.linalg.eigvals(loop.matrices(middle, integral_time * many, second * many))
             ends = ends[poles.real.max(axis=1) < 0.0]
-        common = ends if common[0, 0] == low and common[0, 1] == high else _both(common, ends)
-        if not len(common):
+        kept = ends if kept[0, 0] == low and kept[0, 1] == high else _intersect_intervals(kept, ends)
+        if not len(kept):
             break
-    return common
+    return kept
 
 
-def _both(first: np.ndarray, second: np.ndarray) -> np.ndarray:
+def _intersect_intervals(first: np.ndarray, second: np.ndarray) -> np.ndarray:
     """(m, 2) where two rising rows of intervals overlap."""
     low = np.maximum(first[:, None, 0], second[None, :, 0]).ravel()
     high = np.minimum(first[:, None, 1], second[None, :, 1]).ravel()
-    keep = high > low * (1.0 + 1e-9)
-    order = np.argsort(low[keep], kind="stable")
-    return np.column_stack([low[keep], high[keep]])[order]
+    not_empty = high > low * (1.0 + 1e-9)
+    order = np.argsort(low[not_empty], kind="stable")
+    return np.column_stack([low[not_empty], high[not_empty]])[order]
 
 
-def shapes_of(task: Task) -> np.ndarray:
+def grid_shapes(task: TuningProblem) -> np.ndarray:
     """(m, 2) integral time and K of the grid."""
-    times = np.geomspace(*task.times, TIMES)
-    seconds = np.geomspace(*SPREAD, SECONDS) if task.two else np.ones(1)
+    times = np.geomspace(*task.times, GRID_TIMES)
+    seconds = np.geomspace(*SECOND_GAIN_RANGE, GRID_SECOND_GAINS) if task.has_second_gain else np.ones(1)
     return np.array([(ti, k) for ti in times for k in seconds])
 
 
 @dataclass(frozen=True)
-class _Start:
+class _GridPoint:
     """A point of the grid: log Ti, log K, position in the interval, and the gain there."""
 
     point: np.ndarray
@@ -193,141 +198,142 @@ class _Start:
     value: float
 
 
-def _basins(task: Task, shapes: np.ndarray) -> list[_Start]:
-    """The best points of the grid that are apart from each other."""
+def _find_basins(task: TuningProblem, shapes: np.ndarray) -> list[_GridPoint]:
+    """The best points of the grid with a minimum distance from each other."""
     rows, low_high = [], []
     for ti, second in shapes:
-        for low, high in allowed(task, ti, second):
+        for low, high in allowed_gains(task, ti, second):
             rows.append((ti, second))
             low_high.append((low, high))
     if not rows:
         return []
-    shape, ends = np.repeat(rows, POSITIONS, axis=0), np.repeat(low_high, POSITIONS, axis=0)
-    position = np.tile(np.linspace(0.0, 1.0, POSITIONS), len(rows))
-    gain = _gain(ends[:, 0], ends[:, 1], position)
-    cost = values(task.loop, task.criterion, gain, shape[:, 0], shape[:, 1])
-    best = np.argmin(cost.reshape(-1, POSITIONS), axis=1) + POSITIONS * np.arange(len(rows))
-    apart = 2.5 * np.log(np.divide(*task.times[::-1])) / TIMES
-    found: list[_Start] = []
+    shape, ends = np.repeat(rows, GRID_POSITIONS, axis=0), np.repeat(low_high, GRID_POSITIONS, axis=0)
+    position = np.tile(np.linspace(0.0, 1.0, GRID_POSITIONS), len(rows))
+    gain = _gain_at(ends[:, 0], ends[:, 1], position)
+    cost = criterion_values(task.loop, task.criterion, gain, shape[:, 0], shape[:, 1])
+    best = np.argmin(cost.reshape(-1, GRID_POSITIONS), axis=1) + GRID_POSITIONS * np.arange(len(rows))
+    min_distance = 2.5 * np.log(np.divide(*task.times[::-1])) / GRID_TIMES
+    found: list[_GridPoint] = []
     for k in best[np.argsort(cost[best], kind="stable")]:
         point = np.array([*np.log(shape[k]), position[k]])
         if np.isfinite(cost[k]) and all(
-                np.abs(point[:2] - other.point[:2]).max() > apart or abs(np.log(gain[k] / other.gain)) > 1.0
+                np.abs(point[:2] - other.point[:2]).max() > min_distance or abs(np.log(gain[k] / other.gain)) > 1.0
                 for other in found):
-            found.append(_Start(point, gain[k], cost[k]))
-        if len(found) == BASINS:
+            found.append(_GridPoint(point, gain[k], cost[k]))
+        if len(found) == MAX_BASINS:
             break
     return found
 
 
-def _gain(low, high, position):
-    """Gain at a position from 0 to 1 between the ends, in equal ratios."""
+def _gain_at(low, high, position):
+    """Gain at a position from 0 to 1 between the ends, on a logarithmic scale."""
     return low * (high / low) ** position
 
 
-def _nudged(task: Task, settings: Settings) -> _Start:
-    """Where to start again once the limit has moved a little: the best allowed settings nearby.
+def _restart_nearby(task: TuningProblem, settings: Settings) -> _GridPoint:
+    """A restart after a small change of the limit: the best allowed settings nearby.
 
-    Where two peaks of the sensitivity meet, the interval of the optimum may end a hair away from it.
+    Where two peaks of the sensitivity meet, the interval of the optimum may end very close to it.
     """
     best = None
-    for second in settings.second * np.exp(NUDGES if task.two else (0.0,)):
-        for ti in settings.integral_time * np.exp(NUDGES):
-            ends = _interval(task, ti, second, settings.gain)
+    for second in settings.second * np.exp(LOG_NUDGES if task.has_second_gain else (0.0,)):
+        for ti in settings.integral_time * np.exp(LOG_NUDGES):
+            ends = _nearest_interval(task, ti, second, settings.gain)
             if ends is None:
                 continue
             gain = float(np.clip(settings.gain, *ends))
-            cost = float(values(task.loop, task.criterion, *np.array([[gain], [ti], [second]]))[0])
+            cost = float(criterion_values(task.loop, task.criterion, *np.array([[gain], [ti], [second]]))[0])
             if best is None or cost < best.value:
                 position = np.log(gain / ends[0]) / np.log(ends[1] / ends[0])
-                best = _Start(np.array([np.log(ti), np.log(second), position]), gain, cost)
-    return best or _Start(np.array([np.log(settings.integral_time), np.log(settings.second), 0.5]),
+                best = _GridPoint(np.array([np.log(ti), np.log(second), position]), gain, cost)
+    return best or _GridPoint(np.array([np.log(settings.integral_time), np.log(settings.second), 0.5]),
                           settings.gain, np.inf)
 
 
-def _polish(task: Task, start: _Start, step: Sequence[float]) -> Found:
+def _polish(task: TuningProblem, start: _GridPoint, step: Sequence[float]) -> Optimum:
     """Nelder-Mead over log Ti, log K and position, and along the nearer end of the interval."""
-    shape = [0, 1] if task.two else [0]
-    inside = _simplex(task, start, [*shape, 2], None, step)
+    shape = [0, 1] if task.has_second_gain else [0]
+    inside = _nelder_mead(task, start, [*shape, 2], None, step)
     end = 1.0 if start.point[2] > 0.5 else 0.0
-    return min(inside, _simplex(task, start, shape, end, step), key=lambda found: found.value)
+    return min(inside, _nelder_mead(task, start, shape, end, step), key=lambda found: found.value)
 
 
 @dataclass
-class _Trial:
-    """The criterion over log Ti, log K and position, near a start; keeps the best it has met."""
+class _Objective:
+    """The criterion over log Ti, log K and position, near a start; stores the best point evaluated."""
 
-    task: Task
-    start: _Start
+    task: TuningProblem
+    start: _GridPoint
     free: list[int]
     end: float | None
-    best: Found
+    best: Optimum
 
     def __call__(self, x: np.ndarray) -> float:
-        """x: the free coordinates; where nothing is allowed, more than anywhere else."""
+        """x: the free coordinates; outside the allowed region a penalty above all values."""
         point = self.start.point.copy()
         point[self.free] = x
         if self.end is not None:
             point[2] = self.end
         ti, second = np.exp(point[:2])
         worst = 1e3 * self.start.value if np.isfinite(self.start.value) else 1e300
-        ends = _interval(self.task, ti, second, self.start.gain)
+        ends = _nearest_interval(self.task, ti, second, self.start.gain)
         if ends is None:
             return worst * (1.0 + np.abs(x - self.start.point[self.free]).sum())
-        gain = _gain(*ends, np.clip(point[2], 0.0, 1.0))
-        found = float(values(self.task.loop, self.task.criterion, *np.array([[gain], [ti], [second]]))[0])
+        gain = _gain_at(*ends, np.clip(point[2], 0.0, 1.0))
+        found = float(criterion_values(self.task.loop, self.task.criterion, *np.array([[gain], [ti], [second]]))[0])
         if found < self.best.value:
-            self.best = Found(Settings(float(gain), float(ti), float(second)), found)
+            self.best = Optimum(Settings(float(gain), float(ti), float(second)), found)
         return found if np.isfinite(found) else worst
 
 
-def _trial(task: Task, start: _Start, free: list[int], end: float | None = None) -> _Trial:
-    return _Trial(task, start, free, end, Found(_settings(start), start.value))
+def _objective(task: TuningProblem, start: _GridPoint, free: list[int], end: float | None = None) -> _Objective:
+    return _Objective(task, start, free, end, Optimum(_settings_of(start), start.value))
 
 
-def _simplex(task: Task, start: _Start, free: list[int], end: float | None, step: Sequence[float]) -> Found:
+def _nelder_mead(task: TuningProblem, start: _GridPoint, free: list[int], end: float | None,
+                 step: Sequence[float]) -> Optimum:
     """One Nelder-Mead run over some of the three coordinates."""
-    trial, x0 = _trial(task, start, free, end), start.point[free]
-    simplex = np.vstack([x0, x0 + np.diag([_inward(x0[i], k, step[k]) for i, k in enumerate(free)])])
+    trial, x0 = _objective(task, start, free, end), start.point[free]
+    simplex = np.vstack([x0, x0 + np.diag([_first_step(x0[i], k, step[k]) for i, k in enumerate(free)])])
     minimize(trial, x0, method="Nelder-Mead", options={
         "initial_simplex": simplex, "xatol": 1e-7, "fatol": 1e-9 * start.value, "maxfev": 90 * len(free)})
     return trial.best
 
 
-def _inward(x: float, coordinate: int, step: float) -> float:
-    """The first step of a position goes into its interval."""
+def _first_step(x: float, coordinate: int, step: float) -> float:
+    """The first step of a position points into its interval."""
     return -step if coordinate == 2 and x > 0.5 else step
 
 
-def _settings(start: _Start) -> Settings:
+def _settings_of(start: _GridPoint) -> Settings:
     return Settings(float(start.gain), *(float(v) for v in np.exp(start.point[:2])))
 
 
-def _interval(task: Task, integral_time: float, second: float, gain: float) -> np.ndarray | None:
+def _nearest_interval(task: TuningProblem, integral_time: float, second: float, gain: float) -> np.ndarray | None:
     """The allowed interval nearest to a gain."""
-    ends = allowed(task, integral_time, second)
+    ends = allowed_gains(task, integral_time, second)
     if not len(ends):
         return None
-    away = np.maximum(np.log(ends[:, 0] / gain), np.log(gain / ends[:, 1]))
-    return ends[int(np.argmin(away))]
+    distance = np.maximum(np.log(ends[:, 0] / gain), np.log(gain / ends[:, 1]))
+    return ends[int(np.argmin(distance))]
 
 
-def lowest_sensitivity(task: Task) -> float:
-    """The least limit that some settings keep, to 1 %; for a person whose limit none keeps."""
-    shapes = shapes_of(task)
+def lowest_sensitivity(task: TuningProblem) -> float:
+    """The lowest limit that can be kept, to 1 %; for the error message of a limit that cannot."""
+    shapes = grid_shapes(task)
     low, high = 1.0, 64.0
     while high > low * 1.01:
         middle = np.sqrt(low * high) if low > 1.0 else 0.5 * (low + high)
         trial = replace(task, limits=replace(task.limits, sensitivity=middle))
-        if any(len(allowed(trial, *shape)) for shape in shapes):
+        if any(len(allowed_gains(trial, *shape)) for shape in shapes):
             high = middle
         else:
             low = middle
     return high
 
 
-def check_finite(task: Task) -> None:
-    """Refuse a loop in which nothing limits the gain.
+def check_gain_is_limited(task: TuningProblem) -> None:
+    """Reject a loop without a limit of the gain.
 
     raises  BadParameters: no lag, no dead time, no filter
     """

@@ -1,7 +1,7 @@
 """The published sensitivity study: one parameter at a time, the controller unchanged.
 
 Tallfors 2005, sec. 3.2: stiffness and load inertia by +-20 %, the dead time doubled, the motor's
-inertia at 80 % with the resonance where it was.
+inertia at 80 % with the resonance unchanged.
 """
 
 from __future__ import annotations
@@ -12,7 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from drivetool.drive import Drive, resonances
-from drivetool.tune.optimisation.scenarios import figures_of
+from drivetool.tune.optimisation.scenarios import loop_figures
 from drivetool.tune.speed_loop import Settings, Wiring, build
 
 
@@ -20,7 +20,7 @@ from drivetool.tune.speed_loop import Settings, Wiring, build
 class Variation:
     """One changed drive under the unchanged controller; infinite figures where it is unstable.
 
-    label  what was changed; drive: the changed drive
+    label  the change; drive: the changed drive
     """
 
     label: str
@@ -30,9 +30,9 @@ class Variation:
     overshoot: float
 
 
-def study(drive: Drive, wiring: Wiring, settings: Settings) -> tuple[Variation, ...]:
-    """All variations that this drive has."""
-    return tuple(Variation(label, changed, *figures_of(build(changed, wiring), settings))
+def variation_study(drive: Drive, wiring: Wiring, settings: Settings) -> tuple[Variation, ...]:
+    """All variations that apply to this drive."""
+    return tuple(Variation(label, changed, *loop_figures(build(changed, wiring), settings))
                  for label, changed in changed_drives(drive))
 
 
@@ -52,9 +52,9 @@ def changed_drives(drive: Drive) -> Iterator[tuple[str, Drive]]:
 
 
 def lighter_motor(drive: Drive, share: float = 0.8) -> Drive:
-    """The first inertia at a share; all shafts changed by one factor that keeps the lowest resonance.
+    """The first inertia times a share; all shafts times one factor that keeps the lowest resonance.
 
-    Damping changes with stiffness, which keeps the relative damping too.
+    Damping changes with stiffness, which also keeps the damping ratio.
     """
     changed = _scaled(drive, f"{drive.bodies[0]}.inertia", share)
     if not drive.shafts:

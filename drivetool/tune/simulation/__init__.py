@@ -1,6 +1,6 @@
-"""A tuned loop around the whole drive, gaps and friction included, comes in.
+"""Simulates a tuned loop around the whole drive with gaps and friction.
 
-Its motion goes out: whether it hunts after a kick, and what it would have done on a record.
+The results are limit cycles after a kick, and the response to the load torque of a record.
 """
 
 import lazy_loader

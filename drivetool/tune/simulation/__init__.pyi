@@ -1,3 +1,3 @@
-from .hunting import Watch as Watch, safe_gain as safe_gain, watch as watch
+from .limit_cycle import KickResponse as KickResponse, kick_responses as kick_responses, safe_gain as safe_gain
 from .nonlinear import has_gap as has_gap
-from .replay import COMPARED as COMPARED, LoopReplay as LoopReplay, replay_load_step as replay_load_step
+from .replay import COMPARED_ROLES as COMPARED_ROLES, LoopReplay as LoopReplay, replay_load_step as replay_load_step

@@ -1,7 +1,7 @@
 """The tuned loop around the whole drive: gaps, Coulomb friction, idle torques.
 
-Between events the closed loop is linear, so the exact kernel that simulates records simulates it
-too: the controller's states are further states of the piecewise affine system.
+Between events the closed loop is linear, so the exact kernel that simulates records is used
+here too: the controller's states are further states of the piecewise affine system.
 """
 
 from __future__ import annotations
@@ -10,12 +10,12 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from drivetool.drive import MOTOR, Assembly, Drive, Layout
+from drivetool.drive import MOTOR_TORQUE, Assembly, Drive, Layout
 from drivetool.drive.arrays import System
 from drivetool.drive.simulation import Plant, Trace
-from drivetool.tune.speed_loop import Loop, Settings, bare, carried, mechanics
+from drivetool.tune.speed_loop import Loop, Settings, chain_alone, mechanics, steady_torques
 
-REFERENCE, LOAD = 0, 1  # columns of the inputs
+REFERENCE_COLUMN, LOAD_COLUMN = 0, 1  # columns of the inputs
 
 
 def is_nonlinear(drive: Drive) -> bool:
@@ -29,39 +29,40 @@ def has_gap(drive: Drive) -> bool:
 
 
 def closed_loop(loop: Loop, settings: Settings, step: float, outputs: Sequence[str] = ()) -> Plant:
-    """The loop as something that runs, driven by speed reference and load torque.
+    """The simulation model of the loop, with speed reference and load torque as inputs.
 
-    outputs  roles of the drive; the states come along anyway: speeds, twists, controller. The
-             measured shaft torque of a mimo loop is taken as if the contact were closed
+    outputs  roles of the drive; the states are always returned: speeds, twists, controller. The
+             measured shaft torque of a mimo loop is that of a closed contact
     step     sample interval of the inputs [s]
     """
     return Plant(_system(loop, settings, step, tuple(outputs)))
 
 
-def run(plant: Plant, inputs: np.ndarray, start: np.ndarray, step: float) -> tuple[np.ndarray, np.ndarray]:
+def simulate_loop(plant: Plant, inputs: np.ndarray, start: np.ndarray, step: float) -> tuple[np.ndarray,
+                                                                                             np.ndarray]:
     """(outputs (n, ny), states (n, nx)) from a start state under reference and load torque (n, 2)."""
     trace = Trace(np.ascontiguousarray(inputs, float), np.full((len(inputs), plant.system.ny), np.nan), step)
     out, states, _ = plant.simulate(trace, start, keep=True)
     return out, states
 
 
-def moving(loop: Loop, settings: Settings, speed: float, load: float = 0.0) -> np.ndarray:
+def steady_state(loop: Loop, settings: Settings, speed: float, load: float = 0.0) -> np.ndarray:
     """(nx,) start state: all bodies at a speed of the first motor, contacts closed, controller at rest.
 
-    The torque through each shaft decides on which side its gap is closed; without any, the middle.
+    The torque through each shaft determines on which side its gap is closed; without torque, the middle.
     """
     drive, n = loop.drive, len(loop.drive.bodies)
     state = np.zeros(len(loop.a))
-    state[:n] = speed / np.array(drive.turns())
-    shafts, torque = carried(drive, speed, load, float(np.sign(speed)))
-    for k, (shaft, wanted) in enumerate(zip(drive.shafts, shafts, strict=True)):
+    state[:n] = speed / np.array(drive.gear_ratios())
+    shafts, torque = steady_torques(drive, speed, load, float(np.sign(speed)))
+    for k, (shaft, shaft_torque) in enumerate(zip(drive.shafts, shafts, strict=True)):
         half = drive.value(f"{shaft}.half_gap") or 0.0
-        state[n + k] = wanted / drive.value(f"{shaft}.stiffness") + half * np.sign(wanted)
+        state[n + k] = shaft_torque / drive.value(f"{shaft}.stiffness") + half * np.sign(shaft_torque)
     return _with_controller(loop, settings, state, speed, torque)
 
 
 def _with_controller(loop: Loop, settings: Settings, state: np.ndarray, speed: float, torque: float) -> np.ndarray:
-    """The controller's states at which the motors give this torque together."""
+    """The controller's states at which all motors together give this torque."""
     nm = 2 * len(loop.drive.bodies) - 1
     a, b = loop.matrix(settings), loop.reference(settings)
     # The controller's states are at rest except for one degree of freedom, the integrator.
@@ -71,11 +72,11 @@ def _with_controller(loop: Loop, settings: Settings, state: np.ndarray, speed: f
     per_unit = np.linalg.solve(inner, -a[nm:-1, -1]) if len(inner) else np.zeros(0)
     rows = _torque_rows(loop, settings)
     zero = rows @ np.r_[state[:nm], at_zero, 0.0]
-    zero += loop.direct * speed * np.array([loop.of_reference(m, settings) for m in loop.wiring.motors])
+    zero += loop.direct * speed * np.array([loop.reference_gain(m, settings) for m in loop.wiring.motors])
     slope = rows @ np.r_[np.zeros(nm), per_unit, 1.0]
-    share = (torque - zero.sum()) / slope.sum() if slope.sum() else 0.0
-    state[nm:-1] = at_zero + share * per_unit
-    state[-1] = share
+    integral_state = (torque - zero.sum()) / slope.sum() if slope.sum() else 0.0
+    state[nm:-1] = at_zero + integral_state * per_unit
+    state[-1] = integral_state
     return state
 
 
@@ -86,8 +87,9 @@ def _torque_rows(loop: Loop, settings: Settings) -> np.ndarray:
 
 
 def _system(loop: Loop, settings: Settings, step: float, outputs: tuple[str, ...]) -> System:
-    """The drive's own system with the controller's states behind its own."""
-    plain = Assembly(bare(loop.drive), Layout((), (MOTOR, "load_torque"), outputs, step, gradient=False)).system()
+    """The system of the drive, extended by the controller's states."""
+    plain = Assembly(chain_alone(loop.drive),
+                     Layout((), (MOTOR_TORQUE, "load_torque"), outputs, step, gradient=False)).system()
     nm, n = plain.nx, len(loop.a)
     closed = loop.matrix(settings)
     control = closed[:nm].copy()
@@ -95,11 +97,11 @@ def _system(loop: Loop, settings: Settings, step: float, outputs: tuple[str, ...
     mass = np.vstack([plain.mass, np.ones((n - nm, 1))])
     rows = np.zeros((n, n + 3, 1))
     rows[:nm, :nm, 0] = plain.rows[:, :nm, 0]
-    rows[:nm, n + LOAD] = plain.rows[:, nm + 1]
+    rows[:nm, n + LOAD_COLUMN] = plain.rows[:, nm + 1]
     rows[:nm, n + 2] = plain.rows[:, nm + 2]
     rows[:nm, :n, 0] += control * plain.mass
     rows[nm:, :n, 0] = closed[nm:]
-    rows[:, n + REFERENCE, 0] = loop.reference(settings) * mass[:, 0]
+    rows[:, n + REFERENCE_COLUMN, 0] = loop.reference(settings) * mass[:, 0]
     spring = np.zeros((plain.ng, n, 1))
     spring[:, :nm] = plain.spring
     read = np.zeros((plain.ny, n, 1))

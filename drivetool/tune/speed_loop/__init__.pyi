@@ -1,12 +1,12 @@
 from .loop import (
-    SHARE as SHARE,
+    SHAFT_TORQUE_SHARE as SHAFT_TORQUE_SHARE,
     Configuration as Configuration,
     DeadTimeForm as DeadTimeForm,
     Loop as Loop,
     Settings as Settings,
     Wiring as Wiring,
-    bare as bare,
     build as build,
+    chain_alone as chain_alone,
     check_wiring as check_wiring,
     lag_time as lag_time,
     mechanics as mechanics,
@@ -19,11 +19,16 @@ from .response import (
 )
 from .sensitivity import (
     Plant as Plant,
-    forbidden as forbidden,
+    forbidden_gains as forbidden_gains,
     max_sensitivity as max_sensitivity,
     plant as plant,
-    refined as refined,
-    speeds_of as speeds_of,
+    rate_range as rate_range,
+    with_fine_peaks as with_fine_peaks,
 )
 from .stability_margins import Margins as Margins, margins as margins
-from .working_point import FLAT as FLAT, acting as acting, carried as carried, left_out as left_out
+from .working_point import (
+    FLAT_AT_STANDSTILL as FLAT_AT_STANDSTILL,
+    acting_effects as acting_effects,
+    left_out_parameters as left_out_parameters,
+    steady_torques as steady_torques,
+)

@@ -2,7 +2,7 @@
 
 Deviations from steady running (see working_point.py), contact closed.
 One motor: u = Kp (1 + 1/(s Ti)) (reference - speed).
-Two motors on one chain (Tallfors 2005, ch. 4), all judging by the speed of the first:
+Two motors on one chain (Tallfors 2005, ch. 4), controlled by the speed of the first:
 
     siso  one controller commands both
     miso  the second has its own, Kp2 = K Kp, Ti2 = K Ti; equal shares at rest
@@ -18,23 +18,25 @@ from typing import Literal
 
 import numpy as np
 
-from drivetool.drive import MOTOR, Drive, closed, state_space
+from drivetool.drive import MOTOR_TORQUE, Drive, linear_drive, state_space
 from drivetool.errors import BadParameters
 from drivetool.tune.speed_loop.working_point import at_working_point
 
 Configuration = Literal["siso", "miso", "mimo"]
 DeadTimeForm = Literal["exact", "zero"]
 StateSpace = tuple[np.ndarray, np.ndarray, np.ndarray, float]  # (A, b, c, d)
-PADE = 5  # order of the dead time in time responses; frequency responses have it exact
-SHARE = 0.5  # of the shaft torque that the second motor takes over
+# Of the dead time in time responses; frequency responses are exact. A choice: accuracy of the phase at
+# high frequencies against the number of states.
+PADE_ORDER = 5
+SHAFT_TORQUE_SHARE = 0.5  # of the shaft torque for the second motor: equal shares at rest (Tallfors 2005, ch. 4)
 
 
 @dataclass(frozen=True)
 class Wiring:
-    """How the controller is joined to the drive.
+    """The connection of controller and drive.
 
     configuration  see the module
-    motors         bodies with a motor of their own, the first one measured
+    motors         driven bodies; the speed of the first one is measured
     speed_filter   time constant of the controller's first-order filter of the speed [s], behind the
                    sensor's own (sensor.*)
     dead_time      "exact": e^(-s td); "zero": the printed 1 - s td/2 (Tallfors 2005, 2.3), which
@@ -51,7 +53,7 @@ class Wiring:
 
 @dataclass(frozen=True)
 class Settings:
-    """What is typed into the converter.
+    """The settings entered at the converter.
 
     gain           Kp [torque/speed]; integral_time: Ti [s]
     second         K of a second controller, Kp2 = K Kp and Ti2 = K Ti; not used elsewhere
@@ -66,10 +68,10 @@ class Settings:
 class Loop:
     """dx/dt = (a + Kp a_gain + Kp/Ti a_integral + Kp K a_second) x + b load torque.
 
-    drive    at its working point; given: as it was handed over
+    drive    at its working point; given: as passed in
     rows     signal -> row over the state
-    direct   share of its command that a motor's torque follows at once
-    command  (channels, n): what a command of each channel does; used for the speed reference
+    direct   direct feedthrough from command to motor torque
+    command  (channels, n): input vector of each channel's command; used for the speed reference
     """
 
     drive: Drive
@@ -89,7 +91,7 @@ class Loop:
         return build(self.given, replace(self.wiring, speed=speed))
 
     def reference(self, settings: Settings) -> np.ndarray:
-        """(n,) what a speed reference does: dx/dt = ... + this times reference."""
+        """(n,) input vector of the speed reference: dx/dt = ... + this times reference."""
         found = np.eye(len(self.a))[-1] + settings.gain * self.command[0]
         if self.wiring.configuration == "miso":
             found = found + settings.gain * settings.second * self.command[1]
@@ -109,38 +111,39 @@ class Loop:
 
     def outputs(self, names: Sequence[str], gain: np.ndarray, integral_time: np.ndarray,
                 second: np.ndarray) -> np.ndarray:
-        """(m, ny, n) rows of signals; only a torque that follows its command at once depends on the settings."""
+        """(m, ny, n) rows of signals; only a torque with direct feedthrough depends on the settings."""
         found = np.empty((len(gain), len(names), len(self.a)))
         for k, name in enumerate(names):
             found[:, k] = self.rows[name]
             motor = name.removesuffix("_torque")
             if self.direct and motor in self.wiring.motors:
-                found[:, k] += self.direct * self.commanded(motor, gain, integral_time, second)
+                found[:, k] += self.direct * self.command_rows(motor, gain, integral_time, second)
         return found
 
-    def of_reference(self, motor: str, settings: Settings) -> float:
-        """What a speed reference of one adds to the command of a motor at once."""
+    def reference_gain(self, motor: str, settings: Settings) -> float:
+        """Direct gain from speed reference to the command of a motor."""
         if motor == self.wiring.motors[0] or self.wiring.configuration == "siso":
             return settings.gain
         return settings.gain * settings.second if self.wiring.configuration == "miso" else 0.0
 
-    def commanded(self, motor: str, gain: np.ndarray, integral_time: np.ndarray, second: np.ndarray) -> np.ndarray:
-        """(m, n) what the controller asks of a motor at a speed reference of zero."""
+    def command_rows(self, motor: str, gain: np.ndarray, integral_time: np.ndarray,
+                     second: np.ndarray) -> np.ndarray:
+        """(m, n) rows of the torque command of a motor at a speed reference of zero."""
         motor, kind = self.wiring.motors.index(motor), self.wiring.configuration
         integral, speed = np.eye(len(self.a))[-1], self.rows["measured_speed"]
         if motor and kind == "mimo":
-            return np.broadcast_to(SHARE * self.rows["shaft_torque"], (len(gain), len(self.a)))
+            return np.broadcast_to(SHAFT_TORQUE_SHARE * self.rows["shaft_torque"], (len(gain), len(self.a)))
         share = second if motor and kind == "miso" else np.ones_like(gain)
         return gain[:, None] * (integral / integral_time[:, None] - share[:, None] * speed)
 
 
 def channels(wiring: Wiring) -> int:
-    """Number of commands that differ."""
+    """Number of different commands."""
     return 1 if wiring.configuration == "siso" else 2
 
 
 def check_wiring(drive: Drive, wiring: Wiring) -> None:
-    """Refuse what cannot be built.
+    """Reject a configuration that the drive does not allow.
 
     raises  BadParameters: a motor that is no body, not two motors where two are controlled
     """
@@ -163,7 +166,7 @@ def check_wiring(drive: Drive, wiring: Wiring) -> None:
 def build(drive: Drive, wiring: Wiring) -> Loop:
     """The loop around a drive.
 
-    drive    all inertias and stiffnesses known; its gap and Coulomb friction are left out
+    drive    all inertias and stiffnesses known; its gap and Coulomb friction are ignored
     returns  Loop, with rows motor_speed, load_speed, logged_speed (behind the sensor's filter), measured_speed
              (behind the controller's, too), shaft_torque (of the last shaft), and <motor>_torque of each motor
     raises   BadParameters: a value is missing, see also `check_wiring` and `at_working_point`
@@ -174,7 +177,7 @@ def build(drive: Drive, wiring: Wiring) -> Loop:
     given, drive = drive, at_working_point(drive, wiring.speed)
     a_m, b_m = mechanics(drive, wiring)
     path, sensor = torque_path(drive, wiring), lag(drive, "sensor").states()
-    reading = _series(sensor, Lag(_inverse(wiring.speed_filter), order=1).states())
+    reading = _in_series(sensor, Lag(_filter_bandwidth(wiring.speed_filter), order=1).states())
     nm, npath, nc = len(a_m), len(path[0]), channels(wiring)
     n = nm + nc * npath + len(reading[0]) + 1
     a, integral = np.zeros((n, n)), n - 1
@@ -189,8 +192,8 @@ def build(drive: Drive, wiring: Wiring) -> Loop:
         rows[name] = d * rows["motor_speed"]
         rows[name][read.start:read.start + len(c)] = c
     a[integral] = -rows["measured_speed"]
-    by_channel = _columns(b_m, wiring)
-    entry = []  # where a command of each channel goes
+    by_channel = _channel_inputs(b_m, wiring)
+    entry = []  # input vector of each channel's command
     for k in range(nc):
         own = slice(nm + k * npath, nm + (k + 1) * npath)
         a[own, own] = path[0]
@@ -204,7 +207,7 @@ def build(drive: Drive, wiring: Wiring) -> Loop:
     if wiring.configuration == "miso":
         second = np.outer(entry[1], -rows["measured_speed"])
     if wiring.configuration == "mimo":
-        a += SHARE * np.outer(entry[1], rows["shaft_torque"])
+        a += SHAFT_TORQUE_SHARE * np.outer(entry[1], rows["shaft_torque"])
     for k, motor in enumerate(wiring.motors):
         at = nm + min(k, nc - 1) * npath
         rows[f"{motor}_torque"] = np.r_[np.zeros(at), path[2], np.zeros(n - at - npath)]
@@ -212,7 +215,7 @@ def build(drive: Drive, wiring: Wiring) -> Loop:
                 rows, np.array(entry))
 
 
-def bare(drive: Drive) -> Drive:
+def chain_alone(drive: Drive) -> Drive:
     """The chain alone, without torque path and sensor."""
     return replace(drive, values={
         k: v for k, v in drive.values.items() if not k.startswith(("converter.", "sensor."))})
@@ -223,8 +226,8 @@ def mechanics(drive: Drive, wiring: Wiring) -> tuple[np.ndarray, np.ndarray]:
 
     The last input is the load torque.
     """
-    roles = (MOTOR, *(f"{m}_torque" for m in wiring.motors[1:]), "load_torque")
-    a, b, _, _ = state_space(bare(closed(drive)), roles)
+    roles = (MOTOR_TORQUE, *(f"{m}_torque" for m in wiring.motors[1:]), "load_torque")
+    a, b, _, _ = state_space(chain_alone(linear_drive(drive)), roles)
     return a, b
 
 
@@ -249,16 +252,16 @@ class Lag:
         p = s / self.bandwidth
         return 1.0 / (1.0 + p if self.order == 1 else p**2 + 2.0 * self.damping * p + 1.0)
 
-    def states(self, ahead: float = 0.0) -> StateSpace:
-        """(A, b, c, d) of the lag times 1 + s ahead; no state without a lag."""
+    def states(self, lead_time: float = 0.0) -> StateSpace:
+        """(A, b, c, d) of the lag times 1 + s lead_time; no state without a lag."""
         w, zeta = self.bandwidth, self.damping
         if not np.isfinite(w):
-            return _nothing()
-        if self.order == 1:  # y + ahead y', with y' = w (u - y)
+            return _unit_gain()
+        if self.order == 1:  # y + lead_time y', with y' = w (u - y)
             one = np.ones(1)
-            return -w * np.eye(1), w * one, (1.0 - ahead * w) * one, ahead * w
-        return (np.array([[0.0, 1.0], [-w * w, -2.0 * zeta * w]]), np.array([0.0, w * w]), np.array([1.0, ahead]),
-                0.0)
+            return -w * np.eye(1), w * one, (1.0 - lead_time * w) * one, lead_time * w
+        return (np.array([[0.0, 1.0], [-w * w, -2.0 * zeta * w]]), np.array([0.0, w * w]),
+                np.array([1.0, lead_time]), 0.0)
 
 
 def lag(drive: Drive, owner: Literal["converter", "sensor"]) -> Lag:
@@ -274,40 +277,40 @@ def lag(drive: Drive, owner: Literal["converter", "sensor"]) -> Lag:
 
 def torque_path(drive: Drive, wiring: Wiring) -> StateSpace:
     """(A, b, c, d) from torque command to torque: dead time, then the converter's lag."""
-    own, late = lag(drive, "converter"), drive.value("converter.dead_time")
+    own_lag, dead_time = lag(drive, "converter"), drive.value("converter.dead_time")
     if wiring.dead_time == "exact":
-        return _series(_pade(late), own.states())
-    if late and not np.isfinite(own.bandwidth):
+        return _in_series(_pade_states(dead_time), own_lag.states())
+    if dead_time and not np.isfinite(own_lag.bandwidth):
         raise BadParameters("a converter bandwidth for the printed dead time", "none",
                             "Give converter.bandwidth, or use --dead-time exact.")
-    return own.states(-late / 2.0)
+    return own_lag.states(-dead_time / 2.0)
 
 
 def path_response(drive: Drive, wiring: Wiring, s: np.ndarray) -> np.ndarray:
     """(n,) response from command to torque, the dead time exact."""
-    late = drive.value("converter.dead_time")
+    dead_time = drive.value("converter.dead_time")
     return lag(drive, "converter").response(s) * (
-        np.exp(-s * late) if wiring.dead_time == "exact" else 1.0 - s * late / 2.0)
+        np.exp(-s * dead_time) if wiring.dead_time == "exact" else 1.0 - s * dead_time / 2.0)
 
 
 def sensor_response(drive: Drive, wiring: Wiring, s: np.ndarray) -> np.ndarray:
-    """(n,) response from motor speed to what the controller reads: the sensor's filter, then its own."""
+    """(n,) response from motor speed to measured speed: the filters of sensor and controller."""
     return lag(drive, "sensor").response(s) / (1.0 + s * wiring.speed_filter)
 
 
 def lag_time(drive: Drive, wiring: Wiring) -> float:
-    """Delay of slow signals by everything in the loop but the drive itself [s]."""
+    """Delay of slow signals by all elements of the loop except the drive itself [s]."""
     return (drive.value("converter.dead_time") + wiring.speed_filter + lag(drive, "converter").time
             + lag(drive, "sensor").time)
 
 
-def _inverse(time: float) -> float:
+def _filter_bandwidth(time: float) -> float:
     return 1.0 / time if time else np.inf
 
 
-def _columns(b: np.ndarray, wiring: Wiring) -> np.ndarray:
-    """(n, channels) what the torque of each channel does."""
-    motors = b[:, :-1]
+def _channel_inputs(inputs: np.ndarray, wiring: Wiring) -> np.ndarray:
+    """(n, channels) input vectors of the torque of each channel."""
+    motors = inputs[:, :-1]
     return motors.sum(axis=1, keepdims=True) if wiring.configuration == "siso" else motors
 
 
@@ -321,15 +324,15 @@ def shaft_torque_row(drive: Drive) -> np.ndarray:
     return row
 
 
-def _nothing() -> StateSpace:
+def _unit_gain() -> StateSpace:
     return np.zeros((0, 0)), np.zeros(0), np.zeros(0), 1.0
 
 
-def _pade(late: float) -> StateSpace:
-    """State space of the diagonal Pade approximant of e^(-s late), time scaled so that it is well conditioned."""
-    if not late:
-        return _nothing()
-    m = PADE
+def _pade_states(dead_time: float) -> StateSpace:
+    """State space of the diagonal Pade approximant of e^(-s late), with scaled time for good conditioning."""
+    if not dead_time:
+        return _unit_gain()
+    m = PADE_ORDER
     c = np.array([factorial(2 * m - k) / (factorial(k) * factorial(m - k)) for k in range(m + 1)])
     c /= c[-1]  # denominator sum c_k p^k, p = s late; numerator with (-p)
     numerator = c * (-1.0) ** np.arange(m + 1)
@@ -337,10 +340,10 @@ def _pade(late: float) -> StateSpace:
     a = np.zeros((m, m))
     a[:-1, 1:] = np.eye(m - 1)
     a[-1] = -c[:-1]
-    return a / late, np.eye(m)[-1] / late, (numerator - d * c)[:-1], float(d)
+    return a / dead_time, np.eye(m)[-1] / dead_time, (numerator - d * c)[:-1], float(d)
 
 
-def _series(first: StateSpace, then: StateSpace) -> StateSpace:
+def _in_series(first: StateSpace, then: StateSpace) -> StateSpace:
     """The second system fed by the first."""
     if not len(first[0]):
         a, b, c, d = then

@@ -1,9 +1,8 @@
-"""The step response of a closed loop as a sum of modes, and what is read off it exactly.
+"""The step response of a closed loop as a sum of modes, with exact figures.
 
-A signal that dies out is sum r exp(l t). Its extrema are located between monotone pieces, each
-piece holds at most one zero, and integrals between zeros are closed: no time grid decides a figure.
-The only thing a step length decides is where extrema are looked for, and it follows from the modes
-that are still alive.
+A decaying signal is sum r exp(l t). Its extrema separate monotone pieces, each piece has at most
+one zero, and integrals between zeros are closed: no figure depends on a time grid. A step length
+only sets where extrema are searched; it follows from the modes that have not decayed.
 """
 
 from __future__ import annotations
@@ -13,21 +12,23 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from drivetool.drive.compile import kept_in_folder
+from drivetool.drive.compile import cached_in_folder
 
-MOST = 4096  # extrema kept
-BLOCK, BLOCKS = 12, 40000  # steps of one length, and how often that length is chosen anew
-ROUNDING = 1e-10  # of a sum whose terms cancel, as a share of them
-DEAD = 1e-10  # share of the first integral below which what is left to come is dropped
+MAX_EXTREMA = 4096  # stored. A choice: a mode of damping ratio 1e-3 has fewer before it has decayed to 1e-5.
+# Steps of one length, and changes of that length. A choice: longer blocks step too finely once fast modes have
+# decayed; the number of blocks only ends the search in modes that hardly decay.
+BLOCK_STEPS, MAX_BLOCKS = 12, 40000
+CANCELLATION_ROUNDING = 1e-10  # of a sum of cancelling terms, relative to them: 1e6 times the rounding of a double
+DECAYED_SHARE = 1e-10  # share of the first integral below which the remaining signal is dropped; no figure shows it
 
 
 def compiled(function: Callable) -> Callable:
-    """Compile; the code is kept in the kernel's folder, for Numba's own places may be read-only or unsafe."""
-    return kept_in_folder(function, error_model="numpy")
+    """Compile, with the code in the kernel's folder: Numba's own folders may be read-only or unsafe."""
+    return cached_in_folder(function, error_model="numpy")
 
 
 @compiled
-def value(rates, weights, t):
+def modal_sum(rates, weights, t):
     """sum of weights exp(rates t)."""
     v = 0.0
     for i in range(rates.size):
@@ -41,7 +42,7 @@ def bisect(rates, weights, a, b, fa, level):
 
     Illinois steps, which halve the side that does not move.
     """
-    fb = value(rates, weights, b) - level
+    fb = modal_sum(rates, weights, b) - level
     side = 0
     for _ in range(80):
         if b - a <= 1e-11 * b or fb == fa:  # integrals are flat at their zeros: an error of 1e-22
@@ -49,7 +50,7 @@ def bisect(rates, weights, a, b, fa, level):
         t = b - fb * (b - a) / (fb - fa)
         if not (a < t < b):
             t = 0.5 * (a + b)
-        f = value(rates, weights, t) - level
+        f = modal_sum(rates, weights, t) - level
         if f == 0.0:
             return t
         if (f > 0.0) == (fb > 0.0):
@@ -66,8 +67,8 @@ def bisect(rates, weights, a, b, fa, level):
 
 
 @compiled
-def halved(rates, weights):
-    """The same sum with one mode per conjugate pair; a mode that adds nothing is left out."""
+def one_per_pair(rates, weights):
+    """The same sum with one mode per conjugate pair, without negligible modes."""
     r, w = np.empty_like(rates), np.empty_like(weights)
     n, largest = 0, np.max(np.abs(weights))
     for i in range(rates.size):
@@ -79,8 +80,8 @@ def halved(rates, weights):
 
 
 @compiled
-def fastest(rates, weights, t):
-    """The fastest rate among the modes that matter at t."""
+def fastest_rate(rates, weights, t):
+    """The fastest rate among the modes that are not negligible at t."""
     total = 0.0
     for i in range(rates.size):
         total += abs(weights[i]) * np.exp(rates[i].real * t)
@@ -93,45 +94,45 @@ def fastest(rates, weights, t):
 
 @compiled
 def extrema(rates, weights, times, values):
-    """Extrema of sum weights exp(rates t), t > 0, in order; how many there are.
+    """Extrema of sum weights exp(rates t), t > 0, in order; returns their number.
 
-    times, values  (MOST,) filled from the front
+    times, values  (MAX_EXTREMA,) filled from the front
     """
     slope = weights * rates
     size = 0.0
     for i in range(rates.size):
         size += abs(weights[i] / rates[i])
     t, n = 0.0, 0
-    g = value(rates, slope, 1e-12 / max(np.max(np.abs(rates)), 1e-300))
-    flat = ROUNDING * np.sum(np.abs(slope))
+    g = modal_sum(rates, slope, 1e-12 / max(np.max(np.abs(rates)), 1e-300))
+    slope_rounding = CANCELLATION_ROUNDING * np.sum(np.abs(slope))
     now, ratio = np.empty_like(rates), np.empty_like(rates)
-    for _ in range(BLOCKS):
+    for _ in range(MAX_BLOCKS):
         total = 0.0
         for i in range(rates.size):
             total += abs(weights[i] / rates[i]) * np.exp(rates[i].real * t)
-        if total < DEAD * size or n >= times.size - BLOCK:
+        if total < DECAYED_SHARE * size or n >= times.size - BLOCK_STEPS:
             break
-        h = 0.3 / fastest(rates, slope, t)
+        h = 0.3 / fastest_rate(rates, slope, t)
         for i in range(rates.size):  # a product per step instead of an exponential
             now[i], ratio[i] = slope[i] * np.exp(rates[i] * t), np.exp(rates[i] * h)
-        for k in range(BLOCK):
-            ahead = 0.0
+        for k in range(BLOCK_STEPS):
+            next_slope = 0.0
             for i in range(rates.size):
                 now[i] *= ratio[i]
-                ahead += now[i].real
-            # A signal that starts flat has no direction until its slope stands out from rounding.
-            if (ahead > 0.0) != (g > 0.0) and not (n == 0 and abs(g) < flat):
+                next_slope += now[i].real
+            # A signal that starts flat has no direction until its slope exceeds rounding.
+            if (next_slope > 0.0) != (g > 0.0) and not (n == 0 and abs(g) < slope_rounding):
                 s = bisect(rates, slope, t + k * h, t + (k + 1) * h, g, 0.0)
-                times[n], values[n] = s, value(rates, weights, s)
+                times[n], values[n] = s, modal_sum(rates, weights, s)
                 n += 1
-            g = ahead
-        t += BLOCK * h
+            g = next_slope
+        t += BLOCK_STEPS * h
     return n
 
 
 @compiled
 def zeros_between(rates, weights, times, values, n, at_start, zeros):
-    """Zeros of the sum: at most one on each monotone piece; how many."""
+    """Zeros of the sum: at most one on each monotone piece; returns their number."""
     m, a, fa = 0, 0.0, at_start
     for k in range(n):
         if fa * values[k] < 0.0:
@@ -147,15 +148,15 @@ def absolute_integral(rates, weights):
 
     Exact between the zeros: each lobe is a difference of the closed integral.
     """
-    rates, weights = halved(rates, weights)
-    times, values, zeros = np.empty(MOST), np.empty(MOST), np.empty(MOST)
+    rates, weights = one_per_pair(rates, weights)
+    times, values, zeros = np.empty(MAX_EXTREMA), np.empty(MAX_EXTREMA), np.empty(MAX_EXTREMA)
     n = extrema(rates, weights, times, values)
-    m = zeros_between(rates, weights, times, values, n, value(rates, weights, 0.0), zeros)
+    m = zeros_between(rates, weights, times, values, n, modal_sum(rates, weights, 0.0), zeros)
     integral = weights / rates
-    start = value(rates, integral, 0.0)
+    start = modal_sum(rates, integral, 0.0)
     before, total, largest = start, 0.0, 0.0
     for k in range(m):
-        now = value(rates, integral, zeros[k])
+        now = modal_sum(rates, integral, zeros[k])
         total += abs(now - before)
         largest = max(largest, abs(now - start))
         before = now
@@ -164,7 +165,7 @@ def absolute_integral(rates, weights):
 
 @compiled
 def absolute_integrals(rates, weights):
-    """(m, 2) of m rows of modes, see above; infinite where a mode does not die out."""
+    """(m, 2) of m rows of modes, see above; infinite where a mode does not decay."""
     found = np.full((len(rates), 2), np.inf)
     for i in range(len(rates)):
         if np.max(rates[i].real) < 0.0 and np.all(np.isfinite(np.abs(weights[i]))):
@@ -174,10 +175,10 @@ def absolute_integrals(rates, weights):
 
 @dataclass(frozen=True)
 class Modes:
-    """A signal after a unit step of load torque, less its value at rest: sum weights exp(rates t).
+    """A signal after a unit step of load torque, minus its final value: sum weights exp(rates t).
 
     rates, weights  (n,) complex, in conjugate pairs
-    rest            value that is approached
+    rest            final value
     """
 
     rates: np.ndarray
@@ -186,7 +187,7 @@ class Modes:
 
     @property
     def stable(self) -> bool:
-        """Whether it dies out."""
+        """Whether it decays."""
         return bool(np.max(self.rates.real) < 0.0)
 
     def at(self, time: np.ndarray) -> np.ndarray:
@@ -195,14 +196,14 @@ class Modes:
 
     def extrema(self) -> tuple[np.ndarray, np.ndarray]:
         """(times, values less the rest) of the extrema after t = 0."""
-        times, values = np.empty(MOST), np.empty(MOST)
-        n = extrema(*halved(self.rates, self.weights), times, values)
+        times, values = np.empty(MAX_EXTREMA), np.empty(MAX_EXTREMA)
+        n = extrema(*one_per_pair(self.rates, self.weights), times, values)
         return times[:n], values[:n]
 
     def last_outside(self, band: float) -> float:
         """Last time at which |signal - rest| exceeds the band; 0 if it never does."""
         times, values = self.extrema()
-        start = value(self.rates, self.weights, 0.0)
+        start = modal_sum(self.rates, self.weights, 0.0)
         times, values = np.r_[0.0, times], np.r_[start, values]
         out = np.flatnonzero(np.abs(values) > band)
         if not len(out):
@@ -214,14 +215,14 @@ class Modes:
 
 
 def decompose(a: np.ndarray, b: np.ndarray, rows: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Modes of y = rows x, dx/dt = a x + b from rest, less what is approached.
+    """Modes of y = rows x, dx/dt = a x + b from rest, minus the final value.
 
     a        (m, n, n); b (n,); rows (ny, n)
     returns  rates (m, n), weights (m, ny, n), complex
     """
     rates, vectors = np.linalg.eig(a)
     rates, vectors = rates.astype(complex), vectors.astype(complex)
-    away = np.linalg.solve(a, np.broadcast_to(b, a.shape[:-1])[..., None])
+    steady_state = np.linalg.solve(a, np.broadcast_to(b, a.shape[:-1])[..., None])
     with np.errstate(all="ignore"):
-        coordinates = np.linalg.solve(vectors, away.astype(complex))[..., 0]
+        coordinates = np.linalg.solve(vectors, steady_state.astype(complex))[..., 0]
     return rates, (rows @ vectors) * coordinates[:, None, :]

@@ -1,4 +1,4 @@
-"""The sensitivity of the loop, and which gains keep it below a limit.
+"""The sensitivity of the loop, and the gains that keep it below a limit.
 
 L(iw) = Kp Q(iw), with Q fixed by integral time and drive. For one frequency, |1 + Kp Q| < 1/Ms
 holds between the two roots of a quadratic in Kp (Astrom, Panagopoulos, Hagglund 1998): the gains
@@ -14,7 +14,7 @@ import numpy as np
 
 from drivetool.drive import Drive, resonances
 from drivetool.tune.speed_loop.loop import (
-    SHARE,
+    SHAFT_TORQUE_SHARE,
     Settings,
     Wiring,
     lag_time,
@@ -25,7 +25,9 @@ from drivetool.tune.speed_loop.loop import (
 )
 from drivetool.tune.speed_loop.working_point import at_working_point
 
-PER_DECADE = 90  # frequencies of the grid, apart from those around resonances
+# Frequencies of the grid, without those around resonances. A choice: peaks between two of them, 2.6 % apart, are
+# refined; a coarser grid could miss a peak, and the time of a search grows with it.
+POINTS_PER_DECADE = 90
 
 
 @dataclass(frozen=True)
@@ -33,7 +35,7 @@ class Plant:
     """Frequency responses from the torque commands to the filtered speed of the first motor.
 
     w      (n,) rising [rad/s]
-    chain  (A, B) of the mechanics, worked out once
+    chain  (A, B) of the mechanics, computed once
     """
 
     drive: Drive
@@ -75,12 +77,12 @@ def _responses(plant: Plant) -> tuple[np.ndarray, np.ndarray]:
     if wiring.configuration == "miso":
         return read * speeds[:, 0], read * speeds[:, 1]
     shaft = states.transpose(0, 2, 1) @ shaft_torque_row(drive)
-    back = SHARE * path
+    back = SHAFT_TORQUE_SHARE * path
     return read * (speeds[:, 0] + speeds[:, 1] * back * shaft[:, 0] / (1.0 - back * shaft[:, 1])), np.zeros_like(s)
 
 
-def speeds_of(drive: Drive, wiring: Wiring) -> tuple[float, float]:
-    """(slowest, fastest) rate [rad/s] that matters to a speed loop.
+def rate_range(drive: Drive, wiring: Wiring) -> tuple[float, float]:
+    """(slowest, fastest) rate [rad/s] that is relevant to a speed loop.
 
     The fastest follows from all lags in the loop, or the highest resonance; the slowest from the
     lowest resonance, or the lags if there is none.
@@ -92,18 +94,18 @@ def speeds_of(drive: Drive, wiring: Wiring) -> tuple[float, float]:
 
 
 def plant(drive: Drive, wiring: Wiring) -> Plant:
-    """The plant at its working point, on a grid that is fine where resonances and anti-resonances are."""
+    """The plant at its working point, on a grid that is fine around resonances and anti-resonances."""
     drive = at_working_point(drive, wiring.speed)
-    slow, fast = speeds_of(drive, wiring)
+    slow, fast = rate_range(drive, wiring)
     low, high = slow / 3e3, fast * 60.0
-    grid = [np.geomspace(low, high, int(PER_DECADE * np.log10(high / low)))]
+    grid = [np.geomspace(low, high, int(POINTS_PER_DECADE * np.log10(high / low)))]
     for mode in resonances(drive):
         width = np.clip(mode.damping_ratio, 1e-5, 0.5)
         # Not the pole itself: without damping there is no response there.
-        off = width * np.sinh(np.linspace(1e-3, np.arcsinh(0.3 / width), 30))
+        offsets = width * np.sinh(np.linspace(1e-3, np.arcsinh(0.3 / width), 30))
         centre = 2.0 * np.pi * mode.frequency_hz
-        grid += [centre * (1.0 + off), centre * (1.0 - off)]
-    return Plant(drive, wiring, _apart(np.concatenate(grid)), mechanics(drive, wiring))
+        grid += [centre * (1.0 + offsets), centre * (1.0 - offsets)]
+    return Plant(drive, wiring, _without_duplicates(np.concatenate(grid)), mechanics(drive, wiring))
 
 
 def max_sensitivity(plant: Plant, settings: Settings) -> tuple[float, float]:
@@ -115,27 +117,27 @@ def max_sensitivity(plant: Plant, settings: Settings) -> tuple[float, float]:
     inner = np.flatnonzero((on_grid[1:-1] >= on_grid[:-2]) & (on_grid[1:-1] >= on_grid[2:])) + 1
     best = max(((on_grid[0], plant.w[0]), (on_grid[-1], plant.w[-1])))
     for k in inner[on_grid[inner] > 0.9 * on_grid.max()]:
-        best = max(best, _zoom(plant, size, plant.w[k - 1], plant.w[k + 1]))
+        best = max(best, _refine_peak(plant, size, plant.w[k - 1], plant.w[k + 1]))
     return float(best[0]), float(best[1])
 
 
-def refined(plant: Plant, settings: Settings) -> Plant:
+def with_fine_peaks(plant: Plant, settings: Settings) -> Plant:
     """The plant with more frequencies around the peaks of a sensitivity."""
     size = 1.0 / np.abs(1.0 + plant.loop_gain(settings))
     top = (size[1:-1] >= size[:-2]) & (size[1:-1] >= size[2:]) & (size[1:-1] > 0.8 * size.max())
     peaks = np.flatnonzero(top) + 1
     more = [np.linspace(plant.w[max(k - 2, 0)], plant.w[min(k + 2, len(size) - 1)], 61) for k in peaks]
-    return plant.at(_apart(np.concatenate([plant.w, *more])))
+    return plant.at(_without_duplicates(np.concatenate([plant.w, *more])))
 
 
-def _apart(w: np.ndarray) -> np.ndarray:
-    """Rising frequencies without such as differ by rounding only."""
+def _without_duplicates(w: np.ndarray) -> np.ndarray:
+    """Rising frequencies without duplicates up to rounding."""
     w = np.sort(w)
     return w[np.r_[True, np.diff(w) > 1e-8 * w[1:]]]
 
 
-def _zoom(plant: Plant, size, low: float, high: float) -> tuple[float, float]:
-    """(largest value, where) in an interval that holds one peak."""
+def _refine_peak(plant: Plant, size, low: float, high: float) -> tuple[float, float]:
+    """(largest value, where) in an interval with one peak."""
     for _ in range(6):
         w = np.linspace(low, high, 13)
         found = size(plant.at(w))
@@ -147,8 +149,8 @@ def _zoom(plant: Plant, size, low: float, high: float) -> tuple[float, float]:
     return best
 
 
-def forbidden(q: np.ndarray, w: np.ndarray, limit: float) -> np.ndarray:
-    """(m, 2) gains between which the sensitivity exceeds the limit, rising and apart.
+def forbidden_gains(q: np.ndarray, w: np.ndarray, limit: float) -> np.ndarray:
+    """(m, 2) gains between which the sensitivity exceeds the limit, rising and disjoint.
 
     q       (n,) loop gain at Kp = 1 at w (n,) [rad/s]
     limit   Ms, above 1
@@ -163,10 +165,10 @@ def forbidden(q: np.ndarray, w: np.ndarray, limit: float) -> np.ndarray:
         root = np.sqrt(inside[hit])
         upper = (-real[hit] + root) / square[hit]
         lower = (1.0 - 1.0 / limit**2) / (square[hit] * upper)
-        # Over neighbouring frequencies the edges move without a jump: no gain between two of them is allowed.
+        # Over neighbouring frequencies the edges are continuous: no gain between two of them is allowed.
         runs = np.flatnonzero(np.r_[True, np.diff(hit) > 1])
-        low = np.r_[low, np.minimum.reduceat(_between(lower, hit, w, -1.0), runs)]
-        high = np.r_[high, np.maximum.reduceat(_between(upper, hit, w, 1.0), runs)]
+        low = np.r_[low, np.minimum.reduceat(_extrema_between(lower, hit, w, -1.0), runs)]
+        high = np.r_[high, np.maximum.reduceat(_extrema_between(upper, hit, w, 1.0), runs)]
     if not len(low):
         return np.zeros((0, 2))
     order = np.argsort(low, kind="stable")
@@ -178,8 +180,7 @@ def forbidden(q: np.ndarray, w: np.ndarray, limit: float) -> np.ndarray:
 def _crossings(q: np.ndarray, near: np.ndarray) -> np.ndarray:
     """Gains at which the loop gain passes -1 between two frequencies of which not both are near it.
 
-    A wide limit forbids so little around -1 that a whole grid may miss it, and with it where the loop becomes
-    unstable.
+    A high limit forbids so small a region around -1 that the grid may miss it, and with it the border of stability.
     """
     turn, size = np.angle(-q), np.log(np.abs(q))  # zero on the negative real axis
     k = np.flatnonzero((turn[:-1] * turn[1:] < 0.0) & (np.abs(np.diff(turn)) < np.pi) & ~(near[:-1] & near[1:]))
@@ -187,8 +188,8 @@ def _crossings(q: np.ndarray, near: np.ndarray) -> np.ndarray:
     return np.exp(-(size[k] * (1.0 - share) + size[k + 1] * share))
 
 
-def _between(edge: np.ndarray, hit: np.ndarray, w: np.ndarray, sign: float) -> np.ndarray:
-    """Every extremum of an edge over the frequencies, as a parabola through its neighbours has it."""
+def _extrema_between(edge: np.ndarray, hit: np.ndarray, w: np.ndarray, sign: float) -> np.ndarray:
+    """Every extremum of an edge over the frequencies, by a parabola through its neighbours."""
     edge = edge.copy()
     if len(hit) < 3:
         return edge

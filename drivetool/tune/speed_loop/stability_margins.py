@@ -8,18 +8,18 @@ from dataclasses import dataclass
 import numpy as np
 
 from drivetool.tune.speed_loop.loop import Settings
-from drivetool.tune.speed_loop.sensitivity import Plant, max_sensitivity, refined
+from drivetool.tune.speed_loop.sensitivity import Plant, max_sensitivity, with_fine_peaks
 
 
 @dataclass(frozen=True)
 class Margins:
-    """How far a loop is from instability; infinite where nothing crosses.
+    """The margins of a loop to instability; infinite without a crossing.
 
     max_sensitivity        Ms; sensitivity_frequency [rad/s] where it is reached
     gain_margin            smallest factor above one on the loop gain
-    gain_reduction_margin  smallest factor by which the gain may fall; infinite if any fall is survived
-    phase_margin           least over all crossovers [deg]; crossover [rad/s] where it is
-    delay_margin           least further dead time that destabilises [s]
+    gain_reduction_margin  smallest factor by which the gain may fall; infinite if the loop stays stable for any
+    phase_margin           smallest over all crossovers [deg]; crossover [rad/s] where it occurs
+    delay_margin           smallest further dead time that destabilises [s]
     """
 
     max_sensitivity: float
@@ -38,7 +38,7 @@ def margins(plant: Plant, settings: Settings) -> Margins:
     """
     import control
 
-    fine = refined(plant, settings)
+    fine = with_fine_peaks(plant, settings)
     response = control.frd(fine.loop_gain(settings), fine.w, smooth=True)
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")  # of control's own arithmetic where nothing crosses
@@ -48,9 +48,9 @@ def margins(plant: Plant, settings: Settings) -> Margins:
     above, below = gains[gains > 1.0], gains[(gains > 0.0) & (gains < 1.0)]
     phases, crossovers = np.asarray(phases, float), np.asarray(crossovers, float)
     # From each crossover the phase has to fall by its margin, modulo a turn, to reach -180 degrees.
-    late = np.deg2rad(np.mod(phases, 360.0)) / crossovers
+    delays = np.deg2rad(np.mod(phases, 360.0)) / crossovers
     least = int(np.argmin(np.abs(phases))) if len(phases) else 0
     return Margins(
         ms, at, float(above.min(initial=np.inf)), float((1.0 / below).min(initial=np.inf)),
         float(phases[least]) if len(phases) else np.inf, float(crossovers[least]) if len(phases) else np.nan,
-        float(late.min(initial=np.inf)))
+        float(delays.min(initial=np.inf)))

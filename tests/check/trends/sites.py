@@ -50,6 +50,6 @@ def step(size, place, n=25):
     return size * (np.arange(n) >= place)
 
 
-def told(findings):
+def reported(findings):
     """The findings of changes, of alarms and smaller ones."""
     return [f for f in findings if f.code in ("trend-alarm", "small-change")]

@@ -11,7 +11,7 @@ import pytest
 
 from drivetool.logs.formats import Row
 from drivetool.site.trends import trends_of
-from tests.check.trends.sites import told
+from tests.check.trends.sites import reported
 
 FOLDER = os.environ.get("DRIVETOOL_RECORDS", "")
 pytestmark = pytest.mark.skipif(not FOLDER, reason="DRIVETOOL_RECORDS is not set")
@@ -31,7 +31,7 @@ def figures_of(path):
 
 
 @cache
-def looked_at():
+def examined_site():
     """(findings, machine and parameter -> trend) of all 445 recordings."""
     site, rows = Path(FOLDER) / "actuator-site", []
     for folder in sorted(site.glob("rig-*")):
@@ -43,29 +43,29 @@ def looked_at():
 
 
 def test_rig_a_has_one_change_of_its_friction():
-    _, by = looked_at()
+    _, by = examined_site()
     change, = by["rig-a", "motor.sum"].changes
     assert 49 <= change.place <= 51 and change.alarm and change.ratio >= 5.0  # recording 51 is place 50
-    assert not by["rig-a", "motor.sum"].drift.told and not by["rig-a", "motor.difference"].changes
+    assert not by["rig-a", "motor.sum"].drift.significant and not by["rig-a", "motor.difference"].changes
 
 
 @pytest.mark.parametrize("rig", ["rig-c", "rig-e"])
 def test_rigs_without_a_change_have_none(rig):
-    findings, _ = looked_at()
-    assert not [f.text for f in told(findings) if f.evidence["machine"] == rig]
+    findings, _ = examined_site()
+    assert not [f.text for f in reported(findings) if f.evidence["machine"] == rig]
 
 
 @pytest.mark.parametrize("rig, parameter, least", [
     ("rig-b", "motor.sum", 2.0), ("rig-d", "motor.difference", 2.0), ("rig-d", "motor.sum", 2.0)])
 def test_smaller_changes_are_listed_with_their_figures(rig, parameter, least):
-    findings, _ = looked_at()
-    found = [f for f in told(findings) if (f.evidence["machine"], f.evidence["parameter"]) == (rig, parameter)]
+    findings, _ = examined_site()
+    found = [f for f in reported(findings) if (f.evidence["machine"], f.evidence["parameter"]) == (rig, parameter)]
     assert found and max(f.evidence["ratio"] for f in found) >= least
     assert all(" A " in f.text and "rig-" in f.text for f in found)
 
 
 def test_recordings_without_dates_are_in_their_order():
-    findings, by = looked_at()
+    findings, by = examined_site()
     assert "undated-recordings" in {f.code for f in findings}
     text = next(f.text for f in findings if f.code == "trend-alarm")
     assert "between the recordings rig-a/0050.parquet and rig-a/0051.parquet" in text
@@ -74,7 +74,7 @@ def test_recordings_without_dates_are_in_their_order():
 
 def test_the_truth_says_the_same():
     """What was changed in the machine, opened after the trends were found."""
-    _, by = looked_at()
+    _, by = examined_site()
     with (Path(FOLDER) / "actuator-site" / "truth.csv").open(encoding="utf-8") as stream:
         truth = list(csv.DictReader(stream))
     faults = {row["recording"].partition("/")[0]: row["recording"] for row in reversed(truth)

@@ -32,7 +32,7 @@ def test_any_series_ends_in_a_file(kind, scale):
             series, = yaml.safe_load(dump(trends_file(findings, trends, {})))["series"]
             low, high = series["mean"]["ci95"] or [series["mean"]["value"]] * 2
             assert low <= series["mean"]["value"] <= high
-            if kind in ("line", "step") and n == 25 and every != 3600.0:  # two days tell no change
+            if kind in ("line", "step") and n == 25 and every != 3600.0:  # two days do not identify a change
                 assert [f.code for f in findings if "alarm" in f.code] == ["trend-alarm"]
             if kind in ("equal", "zero", "spike", "normal"):
                 assert not series["changes"]

@@ -6,8 +6,8 @@ from scipy import stats
 
 from drivetool.site.trends import trends_of, weights
 from drivetool.site.trends.outliers import outliers_of
-from drivetool.site.trends.regression import correlation
-from tests.check.trends.sites import normal, site, step, student, told
+from drivetool.site.trends.regression import neighbour_correlation
+from tests.check.trends.sites import normal, reported, site, step, student
 
 SEEDS = range(20)  # fixed before the first look
 COULOMB = (1, "motor.coulomb")
@@ -22,7 +22,7 @@ def outliers(trends):
 def test_a_recording_in_another_unit_is_named_wherever_it_is(place):
     findings, trends = trends_of(site(3, machines=2, changed={COULOMB: 500.0 * (place == N)}))
     name = f"press 1/{place:02d}.parquet"
-    assert outliers(trends) == [("press 1", "motor.coulomb", name)] and not told(findings)
+    assert outliers(trends) == [("press 1", "motor.coulomb", name)] and not reported(findings)
     finding, = (f for f in findings if f.code == "outlying-recording")
     assert finding.severity == "warning" and name in finding.text
     assert ("It is the newest" in finding.action) == (place == 24)
@@ -37,7 +37,7 @@ def test_the_figures_are_those_of_leaving_it_out():
     values[11] = 9.0
     outlier, = outliers_of(values, np.zeros(30), 7, 5.0)
     others = np.delete(values, 11)
-    assert correlation(others - others.mean(), 1) == 0.0  # else the chance allows for it
+    assert neighbour_correlation(others - others.mean(), 1) == 0.0  # else the chance allows for it
     distance, std = 9.0 - others.mean(), others.std(ddof=1)
     assert (outlier.place, outlier.expected) == (11, pytest.approx(others.mean()))
     assert (outlier.std, outlier.ratio) == (pytest.approx(std), pytest.approx(distance / std))
@@ -60,7 +60,7 @@ def hidden_behind_two(size):
         values = size * np.isin(N, (5, 17)) + step(6.0, 12)
         findings, trends = trends_of(site(seed, machines=3, changed={COULOMB: values}))
         change = [c.place for c in trends[2].changes]
-        found += len(outliers(trends)) == 2 and change in ([10], [11], [12]) and len(told(findings)) == 1
+        found += len(outliers(trends)) == 2 and change in ([10], [11], [12]) and len(reported(findings)) == 1
     return found
 
 
@@ -73,7 +73,7 @@ def test_far_recordings_do_not_hide_a_step(size):
 @pytest.mark.slow
 def test_what_one_far_recording_may_say(monkeypatch):
     """Twice as much, and two of them hide each other and the step."""
-    monkeypatch.setattr(weights, "FAR", 2.0 * weights.FAR)
+    monkeypatch.setattr(weights, "FULL_WEIGHT_DISTANCE", 2.0 * weights.FULL_WEIGHT_DISTANCE)
     assert hidden_behind_two(20.0) < 14
 
 
@@ -93,7 +93,7 @@ def test_the_bar_is_that_of_an_alarm():
 @pytest.mark.slow
 def test_heavy_tails_are_named_and_raise_no_alarm():
     found = [trends_of(site(seed, student(3))) for seed in SEEDS]
-    assert sum(len(told(findings)) for findings, _ in found) <= 1
+    assert sum(len(reported(findings)) for findings, _ in found) <= 1
     assert any(outliers(trends) for _, trends in found)
 
 

@@ -6,7 +6,7 @@ import xml.etree.ElementTree as ElementTree
 import pytest
 
 from drivetool.site.verdicts import Case, junit, markdown
-from drivetool.site.verdicts.cases import MOST_LISTED
+from drivetool.site.verdicts.cases import MAX_LINES_LISTED
 
 MISSED = "wanted shaft.half_gap at most 5 mrad; found 6.1 mrad. Open the gearbox."
 CASES = [
@@ -85,5 +85,5 @@ def test_a_bar_in_a_name_is_no_column():
 
 
 def test_a_summary_for_many_stays_short():
-    text = markdown([Case("m", f"{i}.mcap", "bar", False, "x") for i in range(MOST_LISTED + 5)])
-    assert text.count("- **") == MOST_LISTED and "- and 5 more" in text
+    text = markdown([Case("m", f"{i}.mcap", "bar", False, "x") for i in range(MAX_LINES_LISTED + 5)])
+    assert text.count("- **") == MAX_LINES_LISTED and "- and 5 more" in text

@@ -6,13 +6,13 @@ import numpy as np
 
 
 class Collector:
-    """Up to `most` numbers; whole ones until the first that are not.
+    """Up to `most` numbers; integers until the first block of floats.
 
     Numbers are copied out of a block while it is in the processor's cache, and once.
     """
 
-    def __init__(self, most: int):
-        self._most, self._count, self._kept = most, 0, np.zeros(0)
+    def __init__(self, capacity: int):
+        self._most, self._count, self._kept = capacity, 0, np.zeros(0)
 
     def add(self, numbers: np.ndarray) -> None:
         """Append (n,) integers or floats."""

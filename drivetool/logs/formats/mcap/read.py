@@ -10,21 +10,21 @@ from pathlib import Path
 import numpy as np
 
 from drivetool.errors import BadRecording, Finding
-from drivetool.logs import Channel, Recording, shown
-from drivetool.logs.channels import ChannelMap, Choose, TimeEntry, field_path, resolve
-from drivetool.logs.clocks import batches
+from drivetool.logs import Channel, Recording, display_name
+from drivetool.logs.channels import ChannelMap, Choose, TimeEntry, field_path, resolve_channel
+from drivetool.logs.clocks import find_batches
 from drivetool.logs.formats.mcap.collector import Collector
-from drivetool.logs.formats.mcap.container import Source
-from drivetool.logs.formats.mcap.decoders import ENCODINGS, Broken, Fields, open_topic
-from drivetool.logs.formats.mcap.stamps import LOG_TIME, NAMED, clocks, to_ticks
+from drivetool.logs.formats.mcap.container import McapSource
+from drivetool.logs.formats.mcap.decoders import ENCODINGS, BrokenMessage, Fields, open_topic
+from drivetool.logs.formats.mcap.stamps import LOG_TIME, MESSAGE_TIMES, seconds_from_common_origin, to_ticks
 
-# Clocks that a message may have besides its receipt, in the order in which they are tried.
-STAMPS = ("publish_time", "header.stamp", "stamp", "timestamp")
-Place = tuple[str, field_path.Path]
+# Clocks that a message may have besides its receive time, in the order in which they are tried.
+STAMP_CANDIDATES = ("publish_time", "header.stamp", "stamp", "timestamp")
+FieldAddress = tuple[str, field_path.Path]
 
 
 @dataclass(frozen=True)
-class Part:
+class TopicPart:
     """What is read of a topic on one clock: channel name -> path, and the paths of the stamp, if any."""
 
     topic: str
@@ -44,19 +44,19 @@ def read_mcap(path: Path, choose: Choose, channel_map: ChannelMap | None,
              metadata `unit:<field>`
     raises   BadRecording: not MCAP, no readable message, no topic in a known encoding
     """
-    source = Source(path)
-    findings = _damage(source)
-    fields, unreadable = _open(source)
+    source = McapSource(path)
+    findings = _damage_findings(source)
+    fields, unreadable = _open_topics(source)
     if not source.topics:
         found = "none that can be read"
         if source.damage:
-            found += f" ({_counted(source.damage)})"
-        raise BadRecording(f"messages in {shown(path)}", found, "Record or export it again.")
+            found += f" ({_damage_text(source.damage)})"
+        raise BadRecording(f"messages in {display_name(path)}", found, "Record or export it again.")
     others = ", ".join(f"{name} ({why})" for name, why in unreadable.items())
     if not fields and not lenient:
-        raise BadRecording(f"topics of {shown(path)} that can be read ({', '.join(ENCODINGS)})",
+        raise BadRecording(f"topics of {display_name(path)} that can be read ({', '.join(ENCODINGS)})",
                            f"only {others}", "Record or convert it with one of them, or to Parquet.")
-    names = _names(fields, channel_map, shown(path), lenient)
+    names = _channel_addresses(fields, channel_map, display_name(path), lenient)
     try:
         wanted = list(dict.fromkeys(choose(list(names))))
     except BadRecording as problem:
@@ -64,50 +64,51 @@ def read_mcap(path: Path, choose: Choose, channel_map: ChannelMap | None,
             raise
         raise BadRecording(problem.wanted, f"{problem.found}; topics that are not read: {others}",
                            problem.do, problem.available) from None
-    parts = _parts(wanted, names, fields, channel_map, None, shown(path), lenient)
-    findings += _repeated(source, {fields[part.topic].topic for part in parts})
-    channels, origin = _decode(source, fields, parts, shown(path), findings, unreadable, lenient)
+    parts = _group_by_clock(wanted, names, fields, channel_map, None, display_name(path), lenient)
+    findings += _repeated_topic_findings(source, {fields[part.topic].topic for part in parts})
+    channels, origin = _decode_parts(source, fields, parts, display_name(path), findings, unreadable, lenient)
     late = sorted({part.topic for part in parts if part.stamp is None
-                   for name in part.channels if name in channels and batches(channels[name].time)})
-    for stamp in STAMPS if late else ():
+                   for name in part.channels if name in channels and find_batches(channels[name].time)})
+    for stamp in STAMP_CANDIDATES if late else ():
         more: list[Finding] = []
         try:
-            parts = _parts(wanted, names, fields, channel_map, TimeEntry(stamp), shown(path), lenient)
-            steady, begin = _decode(source, fields, parts, shown(path), more, unreadable, lenient)
+            parts = _group_by_clock(wanted, names, fields, channel_map, TimeEntry(stamp), display_name(path),
+                                    lenient)
+            steady, begin = _decode_parts(source, fields, parts, display_name(path), more, unreadable, lenient)
         except BadRecording:
             continue
-        if not any(batches(each.time) for each in steady.values()):
+        if not any(find_batches(each.time) for each in steady.values()):
             channels, origin = steady, begin
-            findings.append(_late_finding(late, stamp, shown(path)))
+            findings.append(_late_finding(late, stamp, display_name(path)))
             break
     ordered = {name: channels[name] for name in wanted if name in channels}
-    return Recording(shown(path), "", ordered, tuple(findings), origin, unreadable)
+    return Recording(display_name(path), "", ordered, tuple(findings), origin, unreadable)
 
 
-def _open(source: Source) -> tuple[dict[str, Fields], dict[str, str]]:
+def _open_topics(source: McapSource) -> tuple[dict[str, Fields], dict[str, str]]:
     """(topics that can be read, why the others cannot)."""
     fields, unreadable = {}, {}
     for name, topic in source.topics.items():
         try:
             fields[name] = open_topic(topic)
-        except Broken as problem:
+        except BrokenMessage as problem:
             unreadable[name] = str(problem)
     return fields, unreadable
 
 
-def _names(fields: Mapping[str, Fields], channel_map: ChannelMap | None, log: str,
-           lenient: bool) -> dict[str, Place]:
-    """Full name -> place of every listed channel, and of those that only the map knows how to name.
+def _channel_addresses(fields: Mapping[str, Fields], channel_map: ChannelMap | None, log: str,
+                       lenient: bool) -> dict[str, FieldAddress]:
+    """Full name -> place of every listed channel, and of those that only the map names.
 
     raises  BadRecording: the map names a topic that several sources have, and more than one has the field
     """
     names = {f"{name}.{field_path.text_of(path)}": (name, path)
              for name, each in fields.items() for path in each.listed}
-    asked = [entry.channel for entry in channel_map.roles.values()] if channel_map else []
-    for text in asked:
+    mapped = [entry.channel for entry in channel_map.roles.values()] if channel_map else []
+    for text in mapped:
         if text in names or any(name.endswith(f".{text}") for name in names):
             continue
-        found: dict[str, Place] = {}
+        found: dict[str, FieldAddress] = {}
         for source, each in fields.items():
             rest = each.own(text)
             if rest == text and text.startswith("/"):
@@ -127,12 +128,12 @@ def _names(fields: Mapping[str, Fields], channel_map: ChannelMap | None, log: st
     return names
 
 
-def _parts(wanted: Iterable[str], names: Mapping[str, Place], fields: Mapping[str, Fields],
-           channel_map: ChannelMap | None, default: TimeEntry | None, log: str, lenient: bool) -> list[Part]:
+def _group_by_clock(wanted: Iterable[str], names: Mapping[str, FieldAddress], fields: Mapping[str, Fields],
+           channel_map: ChannelMap | None, default: TimeEntry | None, log: str, lenient: bool) -> list[TopicPart]:
     """The wanted channels by topic and clock; `default` is that of what the map gives none."""
     own = {}
     for entry in channel_map.roles.values() if channel_map else ():
-        name = resolve(entry.channel, names) if entry.time else None
+        name = resolve_channel(entry.channel, names) if entry.time else None
         if name:
             own.setdefault(name, entry.clock)
     groups: dict[tuple[str, TimeEntry | None], dict[str, field_path.Path]] = {}
@@ -143,7 +144,7 @@ def _parts(wanted: Iterable[str], names: Mapping[str, Place], fields: Mapping[st
     parts = []
     for (topic, stamp), channels in groups.items():
         paths: tuple[field_path.Path, ...] = ()
-        if stamp is not None and stamp.channel not in NAMED:
+        if stamp is not None and stamp.channel not in MESSAGE_TIMES:
             found = fields[topic].stamp(fields[topic].own(stamp.channel))
             if found is None and not lenient:
                 raise BadRecording(
@@ -152,14 +153,14 @@ def _parts(wanted: Iterable[str], names: Mapping[str, Place], fields: Mapping[st
                     "or write log_time or publish_time.",
                     [field_path.text_of(each) for each in fields[topic].listed])
             paths, stamp = (found, stamp) if found else ((), None)
-        parts.append(Part(topic, stamp, paths, channels))
+        parts.append(TopicPart(topic, stamp, paths, channels))
     return parts
 
 
-def _decode(source: Source, fields: Mapping[str, Fields], parts: list[Part], log: str,
-            findings: list[Finding], unreadable: dict[str, str],
-            lenient: bool) -> tuple[dict[str, Channel], float]:
-    """Read the parts block by block and put their clocks beside them."""
+def _decode_parts(source: McapSource, fields: Mapping[str, Fields], parts: list[TopicPart], log: str,
+                  findings: list[Finding], unreadable: dict[str, str],
+                  lenient: bool) -> tuple[dict[str, Channel], float]:
+    """Read the parts block by block, with their clocks."""
     readers = [fields[part.topic].columns([*part.channels.values(), *part.stamp_paths]) for part in parts]
     pieces = [_collectors(part, source) for part in parts]
     broken: Counter[str] = Counter()
@@ -170,14 +171,14 @@ def _decode(source: Source, fields: Mapping[str, Fields], parts: list[Part], log
                 continue
             columns, good = reader.read(places, lengths)
             named = part.stamp.channel if part.stamp else LOG_TIME
-            if named in NAMED:
+            if named in MESSAGE_TIMES:
                 columns = [*columns, block.head[named][mine].view(np.int64)]
             if not good.all():
                 broken[part.topic] = broken[part.topic] + int(np.sum(~good))
                 columns = [column[good] for column in columns]
             for collector, column in zip(collected, columns, strict=True):
                 collector.add(column)
-    kept, ticks, values = [], [], []
+    readable, ticks, values = [], [], []
     for part, collected in zip(parts, pieces, strict=True):
         columns = [each.values for each in collected]
         if not len(columns[0]):
@@ -186,36 +187,36 @@ def _decode(source: Source, fields: Mapping[str, Fields], parts: list[Part], log
                 raise BadRecording(f"readable messages in {part.topic} of {log}", why, "Check the recorder.")
             unreadable[part.topic] = why
             continue
-        kept.append(part)
+        readable.append(part)
         values.append(columns[:len(part.channels)])
         ticks.append(to_ticks(columns[len(part.channels):], part.stamp, fields[part.topic], log))
     findings += [_broken_finding(topic, count, source, log) for topic, count in broken.items()]
-    times, origin = clocks(ticks)
+    times, origin = seconds_from_common_origin(ticks)
     return {name: Channel(time, column.astype(float, copy=False), fields[part.topic].unit(path))
-            for part, time, columns in zip(kept, times, values, strict=True)
+            for part, time, columns in zip(readable, times, values, strict=True)
             for (name, path), column in zip(part.channels.items(), columns, strict=True)}, origin
 
 
-def _collectors(part: Part, source: Source) -> list[Collector]:
+def _collectors(part: TopicPart, source: McapSource) -> list[Collector]:
     """One per channel, then for the stamp: its fields, or the time that every message has."""
     return [Collector(source.topics[part.topic].count)
             for _ in range(len(part.channels) + (len(part.stamp_paths) or 1))]
 
 
-def _broken_finding(topic: str, count: int, source: Source, log: str) -> Finding:
-    return Finding("warning", "broken-messages",
+def _broken_finding(topic: str, count: int, source: McapSource, log: str) -> Finding:
+    return Finding("warning", "log-damaged",
                    f"{count} messages of {topic} in {log} are not what their encoding or schema says; they are "
                    "left out.", {"messages": count, "of": source.topics[topic].count}, "Check the recorder.")
 
 
 def _late_finding(topics: list[str], stamp: str, log: str) -> Finding:
-    return Finding("warning", "receive-times",
+    return Finding("warning", "clock-corrected",
                    f"Messages of {', '.join(topics)} in {log} were received in batches; their {stamp} is steady "
                    "and is used instead.", {"clock": stamp, "topics": len(topics)},
                    f"Write `time: {stamp}` in the channel map.")
 
 
-def _damage(source: Source) -> list[Finding]:
+def _damage_findings(source: McapSource) -> list[Finding]:
     """One finding about all that was wrong with the file."""
     if not source.damage:
         return []
@@ -223,23 +224,23 @@ def _damage(source: Source) -> list[Finding]:
     if source.recorded is not None and source.recorded > source.count + source.repeated_count:
         evidence["recorded"] = source.recorded
         of = f" of {source.recorded}"
-    return [Finding("warning", "damaged-log",
-                    f"{shown(source.path)} is cut short or damaged ({_counted(source.damage)}); the "
+    return [Finding("warning", "log-damaged",
+                    f"{display_name(source.path)} is cut short or damaged ({_damage_text(source.damage)}); the "
                     f"{source.count} messages{of} that can be read are used.", evidence,
                     "Recover it with `mcap recover`, or record again.")]
 
 
-def _repeated(source: Source, topics: set[str]) -> list[Finding]:
+def _repeated_topic_findings(source: McapSource, topics: set[str]) -> list[Finding]:
     """One finding per channel of these topics that is left out, since another one holds its messages."""
-    return [Finding("warning", "topic-recorded-twice",
-                    f"{each.topic} is in {shown(source.path)} twice: channel {each.channel} has the messages of "
-                    f"channel {each.used} once more. Channel {each.used} is used.",
+    return [Finding("warning", "topic-duplicated",
+                    f"{each.topic} is in {display_name(source.path)} twice: channel {each.channel} has the "
+                    f"messages of channel {each.used} once more. Channel {each.used} is used.",
                     {"topic": each.topic, "used": each.used, "messages": each.used_count, "left_out": each.channel,
                      "messages_left_out": each.count}, "Check whether two recorders ran.")
             for each in source.repeated if each.topic in topics]
 
 
-def _counted(damage: list[str]) -> str:
-    """What was wrong, each once with its number."""
+def _damage_text(damage: list[str]) -> str:
+    """Each kind of damage once, with its count."""
     return "; ".join(what if count == 1 else f"{count} times {what}"
                      for what, count in Counter(damage).items())

@@ -7,12 +7,12 @@ from collections.abc import Sequence
 import numpy as np
 
 from drivetool.logs import parse_unit
-from drivetool.logs.channels import TimeEntry, as_seconds, uncounted
+from drivetool.logs.channels import TimeEntry, as_seconds, unwrap_counter
 from drivetool.logs.formats.mcap.decoders import Fields
 
 LOG_TIME, PUBLISH_TIME = "log_time", "publish_time"
-# Times that every message has, apart from its fields.
-NAMED = (LOG_TIME, PUBLISH_TIME)
+# Times that every message has besides its fields.
+MESSAGE_TIMES = (LOG_TIME, PUBLISH_TIME)
 _TICKS = {"s": 10**9, "ms": 10**6, "us": 10**3, "ns": 1}
 
 
@@ -28,9 +28,9 @@ def to_ticks(columns: Sequence[np.ndarray], stamp: TimeEntry | None, fields: Fie
             return columns[0] * 10**9 + columns[1]
         return columns[0] + 1e-9 * columns[1]
     ticks = columns[0]
-    if stamp is None or stamp.channel in NAMED:
+    if stamp is None or stamp.channel in MESSAGE_TIMES:
         return ticks
-    ticks = uncounted(ticks, stamp)
+    ticks = unwrap_counter(ticks, stamp)
     path = fields.path(fields.own(stamp.channel))
     unit = stamp.unit or (fields.unit(path) if path else None)
     if unit is None and ticks.dtype.kind == "f":
@@ -42,7 +42,7 @@ def to_ticks(columns: Sequence[np.ndarray], stamp: TimeEntry | None, fields: Fie
     return ticks / (10**9 // _TICKS[found.text])
 
 
-def clocks(ticks: Sequence[np.ndarray]) -> tuple[list[np.ndarray], float]:
+def seconds_from_common_origin(ticks: Sequence[np.ndarray]) -> tuple[list[np.ndarray], float]:
     """Seconds (n,) of every clock from one origin, and the origin.
 
     Whole numbers are counted from the first before they become floats, which resolve the seconds

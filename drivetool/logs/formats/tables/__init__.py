@@ -1,6 +1,6 @@
 """A Parquet file, or a folder of its parts, comes in, with a column per channel or a row per value.
 
-A recording goes out, with what is damaged told in its findings.
+A recording goes out; its findings report the damage.
 """
 
 import lazy_loader

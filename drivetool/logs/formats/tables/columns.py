@@ -14,31 +14,31 @@ if TYPE_CHECKING:
     import pyarrow as pa
 
 # The column, then names of fields and places in lists.
-Steps = tuple[str | int, ...]
+ColumnPath = tuple[str | int, ...]
 
 
-def flat_names(schema: pa.Schema, stamps: Sequence[str]) -> dict[str, Steps]:
-    """Channel name -> steps of every column, fields of nested ones apart, those of the clock left out.
+def flat_names(schema: pa.Schema, stamps: Sequence[str]) -> dict[str, ColumnPath]:
+    """Channel name -> steps of every column, fields of nested ones separately, those of the clock left out.
 
     Lists of a fixed length are listed element by element; others can be named by the map.
     """
-    return {name: steps for field in schema for name, steps in _flat(field, (field.name,), field.name)
+    return {name: steps for field in schema for name, steps in _flat_fields(field, (field.name,), field.name)
             if name not in stamps}
 
 
-def _flat(field: pa.Field, steps: Steps, name: str) -> Iterator[tuple[str, Steps]]:
+def _flat_fields(field: pa.Field, steps: ColumnPath, name: str) -> Iterator[tuple[str, ColumnPath]]:
     import pyarrow as pa
 
     if pa.types.is_struct(field.type):
         for inner in field.type:
-            yield from _flat(inner, (*steps, inner.name), f"{name}.{inner.name}")
-    elif pa.types.is_fixed_size_list(field.type) and field.type.list_size <= field_path.LISTED:
+            yield from _flat_fields(inner, (*steps, inner.name), f"{name}.{inner.name}")
+    elif pa.types.is_fixed_size_list(field.type) and field.type.list_size <= field_path.MAX_LISTED_ELEMENTS:
         yield from ((f"{name}[{i}]", (*steps, i)) for i in range(field.type.list_size))
     else:
         yield name, steps
 
 
-def steps_of(text: str, schema: pa.Schema) -> Steps | None:
+def column_path(text: str, schema: pa.Schema) -> ColumnPath | None:
     """The steps behind a name; None if there is no such column."""
     if text in schema.names:
         return (text,)
@@ -52,7 +52,7 @@ def steps_of(text: str, schema: pa.Schema) -> Steps | None:
     return path
 
 
-def field_at(schema: pa.Schema, steps: Steps) -> pa.Field:
+def field_at(schema: pa.Schema, steps: ColumnPath) -> pa.Field:
     """The Arrow field at the end of the steps; KeyError if there is none."""
     import pyarrow as pa
 
@@ -70,7 +70,7 @@ def field_at(schema: pa.Schema, steps: Steps) -> pa.Field:
     return field
 
 
-def unit_of(schema: pa.Schema, steps: Steps) -> str | None:
+def unit_of(schema: pa.Schema, steps: ColumnPath) -> str | None:
     """`unit` in the metadata of a field, or of the list or structure that it is in."""
     for last in range(len(steps), 0, -1):
         unit = (field_at(schema, steps[:last]).metadata or {}).get(b"unit")
@@ -79,7 +79,7 @@ def unit_of(schema: pa.Schema, steps: Steps) -> str | None:
     return None
 
 
-def numbers(table: pa.Table, steps: Steps, name: str, log: str) -> np.ndarray:
+def column_numbers(table: pa.Table, steps: ColumnPath, name: str, log: str) -> np.ndarray:
     """A column as (n,) floats, missing values as NaN.
 
     raises  BadRecording: it holds something else
@@ -89,7 +89,7 @@ def numbers(table: pa.Table, steps: Steps, name: str, log: str) -> np.ndarray:
 
     column = table.column(steps[0])
     for step in steps[1:]:
-        column = pc.struct_field(column, step) if isinstance(step, str) else _element(column, step)
+        column = pc.struct_field(column, step) if isinstance(step, str) else _list_element(column, step)
     kind = column.type
     if pa.types.is_float64(kind) and not column.null_count:
         return column.to_numpy()
@@ -101,7 +101,7 @@ def numbers(table: pa.Table, steps: Steps, name: str, log: str) -> np.ndarray:
     return np.asarray(column.cast(pa.float64(), safe=False).to_numpy(), dtype=float)
 
 
-def _element(column: pa.ChunkedArray, index: int) -> pa.ChunkedArray:
+def _list_element(column: pa.ChunkedArray, index: int) -> pa.ChunkedArray:
     """Element `index` of every list; missing where the list is shorter."""
     import pyarrow as pa
     import pyarrow.compute as pc

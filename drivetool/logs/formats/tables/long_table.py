@@ -9,7 +9,7 @@ import numpy as np
 from drivetool.errors import BadRecording, Finding
 from drivetool.logs import Channel, Recording
 from drivetool.logs.channels import ChannelMap, Choose
-from drivetool.logs.formats.tables.columns import numbers
+from drivetool.logs.formats.tables.columns import column_numbers
 from drivetool.logs.formats.tables.table_time import table_time, time_column
 
 if TYPE_CHECKING:
@@ -29,7 +29,7 @@ def is_long(schema: pa.Schema, channel_map: ChannelMap | None) -> bool:
 
     if channel_map and any(entry.channel in schema.names for entry in channel_map.roles.values()):
         return False
-    channel, value = _named(schema, CHANNEL_NAMES), _named(schema, VALUE_NAMES)
+    channel, value = _find_column(schema, CHANNEL_NAMES), _find_column(schema, VALUE_NAMES)
     if channel is None or value is None:
         return False
     kind = schema.field(channel).type
@@ -58,11 +58,12 @@ def read_long(tables: list[pa.Table], schema: pa.Schema, log: str, choose: Choos
     if stamp is None:
         raise BadRecording(f"a time column in {log}", f"columns {', '.join(schema.names)}",
                            "Name it with `time: {channel: ..., unit: ...}` in the channel map.")
-    names, codes = _coded(table, _named(schema, CHANNEL_NAMES))
+    names, codes = _dictionary_codes(table, _find_column(schema, CHANNEL_NAMES))
     time, origin = table_time([table], stamp, schema, channel_map.time if channel_map else None, log)
-    values = numbers(table, (_named(schema, VALUE_NAMES),), "value", log)
-    unit_column = _named(schema, UNIT_NAMES)
-    units, unit_codes = _coded(table, unit_column) if unit_column else ([None], np.zeros(len(codes), int))
+    values = column_numbers(table, (_find_column(schema, VALUE_NAMES),), "value", log)
+    unit_column = _find_column(schema, UNIT_NAMES)
+    units, unit_codes = _dictionary_codes(table, unit_column) if unit_column \
+        else ([None], np.zeros(len(codes), int))
     order = np.argsort(codes, kind="stable")
     edges = np.searchsorted(codes[order], np.arange(len(names) + 1))
     wanted = list(dict.fromkeys(choose([name for name in names if name is not None])))
@@ -86,21 +87,21 @@ def read_long(tables: list[pa.Table], schema: pa.Schema, log: str, choose: Choos
     return Recording(log, "", channels, tuple(findings), origin, unreadable)
 
 
-def _named(schema: pa.Schema, known: tuple[str, ...]) -> str | None:
+def _find_column(schema: pa.Schema, known: tuple[str, ...]) -> str | None:
     """The column with one of the names."""
     return next((name for wanted in known for name in schema.names if name.strip().lower() == wanted), None)
 
 
-def _coded(table: pa.Table, column: str) -> tuple[list[str | None], np.ndarray]:
-    """(texts, (n,) which of them each row has); rows without a text have one of their own."""
+def _dictionary_codes(table: pa.Table, column: str) -> tuple[list[str | None], np.ndarray]:
+    """(texts, (n,) which of them each row has); rows without a text have the last code."""
     import pyarrow as pa
 
-    stored = table.column(column)
-    if not pa.types.is_dictionary(stored.type):
-        stored = stored.dictionary_encode()
-    stored = stored.unify_dictionaries().combine_chunks()
-    if isinstance(stored, pa.ChunkedArray):
-        stored = stored.chunk(0)
-    texts = stored.dictionary.to_pylist()
-    codes = stored.indices.fill_null(len(texts)) if stored.null_count else stored.indices
+    encoded = table.column(column)
+    if not pa.types.is_dictionary(encoded.type):
+        encoded = encoded.dictionary_encode()
+    encoded = encoded.unify_dictionaries().combine_chunks()
+    if isinstance(encoded, pa.ChunkedArray):
+        encoded = encoded.chunk(0)
+    texts = encoded.dictionary.to_pylist()
+    codes = encoded.indices.fill_null(len(texts)) if encoded.null_count else encoded.indices
     return [*texts, None], np.asarray(codes.to_numpy(zero_copy_only=False), np.int64)

@@ -12,9 +12,9 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from drivetool.errors import BadRecording, Finding
-from drivetool.logs import ROLES, Channel, Recording, shown
-from drivetool.logs.channels import ChannelMap, Choose, TimeEntry, resolve
-from drivetool.logs.formats.tables.columns import flat_names, numbers, steps_of, unit_of
+from drivetool.logs import ROLES, Channel, Recording, display_name
+from drivetool.logs.channels import ChannelMap, Choose, TimeEntry, resolve_channel
+from drivetool.logs.formats.tables.columns import column_numbers, column_path, flat_names, unit_of
 from drivetool.logs.formats.tables.long_table import is_long, read_long
 from drivetool.logs.formats.tables.table_time import from_step, origin_of, table_time, time_column
 
@@ -25,7 +25,7 @@ if TYPE_CHECKING:
 
 def read_parquet(path: Path, choose: Choose, channel_map: ChannelMap | None,
                  lenient: bool = False) -> Recording:
-    """A Parquet table, or the folder of its parts; only the columns asked for are read.
+    """A Parquet table, or the folder of its parts; only the requested columns are read.
 
     choose   called with the names of all columns but the time (long: of all channels); returns those
              to read
@@ -36,39 +36,39 @@ def read_parquet(path: Path, choose: Choose, channel_map: ChannelMap | None,
     raises   BadRecording: not Parquet, no rows, no time, columns that hold no numbers
     """
     with ExitStack() as stack:
-        files, findings = _open(path, stack)
-        schema, twice = _unique(files[0].schema_arrow, shown(path))
+        files, findings = _open_parts(path, stack)
+        schema, repeated = _unique_columns(files[0].schema_arrow, display_name(path))
         if all(file.metadata.num_rows == 0 for file in files):
-            raise BadRecording(f"samples in {shown(path)}", "a table without rows",
+            raise BadRecording(f"samples in {display_name(path)}", "a table without rows",
                                "Record or export it again.")
         if is_long(schema, channel_map):
-            tables = _read(files, None, shown(path), findings)
-            return read_long(tables, schema, shown(path), choose, channel_map, findings, lenient)
-        stamps = _stamps(schema, channel_map, shown(path))
+            tables = _read_tables(files, None, display_name(path), findings)
+            return read_long(tables, schema, display_name(path), choose, channel_map, findings, lenient)
+        stamps = _clock_columns(schema, channel_map, display_name(path))
         names = flat_names(schema, [each for each in stamps.values() if each])
         if channel_map:
-            asked = [entry.channel for entry in channel_map.roles.values()]
-            names |= {text: steps for text in asked if text not in names for steps in [steps_of(text, schema)]
+            mapped = [entry.channel for entry in channel_map.roles.values()]
+            names |= {text: steps for text in mapped if text not in names for steps in [column_path(text, schema)]
                       if steps}
         if not lenient:
-            _refuse_repeated(twice, channel_map, shown(path))
+            _refuse_repeated(repeated, channel_map, display_name(path))
         wanted = list(dict.fromkeys(choose(list(names))))
-        clocks = [steps_of(each, schema)[0] for each in stamps.values() if each]
+        clocks = [column_path(each, schema)[0] for each in stamps.values() if each]
         columns = list(dict.fromkeys([*clocks, *(names[name][0] for name in wanted)]))
-        unreadable = {name: f"{count} columns have this name" for name, count in twice.items()}
+        unreadable = {name: f"{count} columns have this name" for name, count in repeated.items()}
         lost: list[Finding] = []
-        tables = _read(files, columns, shown(path), lost, lenient)
+        tables = _read_tables(files, columns, display_name(path), lost, lenient)
         if lost and lenient:
             # One damaged column must not cost the rows of the others.
-            columns = [*clocks, *_readable(files, columns[len(set(clocks)):], unreadable)]
+            columns = [*clocks, *_undamaged_columns(files, columns[len(set(clocks)):], unreadable)]
             wanted, lost = [name for name in wanted if names[name][0] in columns], []
-            tables = _read(files, columns, shown(path), lost)
+            tables = _read_tables(files, columns, display_name(path), lost)
         findings += lost
-    return _recording(tables, schema, wanted, names, stamps, channel_map, shown(path), findings,
+    return _recording(tables, schema, wanted, names, stamps, channel_map, display_name(path), findings,
                       unreadable if lenient else None)
 
 
-def _unique(schema: pa.Schema, log: str) -> tuple[pa.Schema, dict[str, int]]:
+def _unique_columns(schema: pa.Schema, log: str) -> tuple[pa.Schema, dict[str, int]]:
     """(the columns whose name is theirs alone; how many columns have each of the other names).
 
     raises  BadRecording: there is no such column
@@ -83,21 +83,21 @@ def _unique(schema: pa.Schema, log: str) -> tuple[pa.Schema, dict[str, int]]:
     return pa.schema(kept, schema.metadata), {name: count for name, count in counts.items() if count > 1}
 
 
-def _refuse_repeated(twice: Mapping[str, int], channel_map: ChannelMap | None, log: str) -> None:
+def _refuse_repeated(repeated: Mapping[str, int], channel_map: ChannelMap | None, log: str) -> None:
     """A role must not depend on which of several columns of one name is meant."""
-    asked = [entry.channel for entry in channel_map.roles.values()] if channel_map else ROLES
-    for name in asked:
-        if name in twice:
-            raise BadRecording(f"one column '{name}' in {log}", f"{twice[name]}",
+    mapped = [entry.channel for entry in channel_map.roles.values()] if channel_map else ROLES
+    for name in mapped:
+        if name in repeated:
+            raise BadRecording(f"one column '{name}' in {log}", f"{repeated[name]}",
                                "Rename one of them, or leave it out when exporting.")
 
 
-def _open(path: Path, stack: ExitStack) -> tuple[list[pq.ParquetFile], list[Finding]]:
+def _open_parts(path: Path, stack: ExitStack) -> tuple[list[pq.ParquetFile], list[Finding]]:
     """(the file, or those of the folder that can be read; what cannot be)."""
     import pyarrow as pa
     import pyarrow.parquet as pq
 
-    parts = sorted(path.rglob("*.parquet"), key=natural) if path.is_dir() else [path]
+    parts = sorted(path.rglob("*.parquet"), key=natural_order) if path.is_dir() else [path]
     files, broken, reason = [], [], ""
     for part in parts:
         try:
@@ -109,30 +109,31 @@ def _open(path: Path, stack: ExitStack) -> tuple[list[pq.ParquetFile], list[Find
             reason = str(problem).splitlines()[0].split(". ")[0][:100]
     if not files:
         raise BadRecording(
-            f"Parquet files in the folder {shown(path)}" if path.is_dir() else f"a Parquet file in {shown(path)}",
+            f"Parquet files in the folder {display_name(path)}" if path.is_dir()
+            else f"a Parquet file in {display_name(path)}",
             f"something else ({reason})" if reason else "none",
             "Record or export it again; a half-written Parquet file cannot be read.")
     first = files[0].schema_arrow
     for part, file in zip([p for p in parts if p.name not in broken], files, strict=False):
         if set(file.schema_arrow.names) != set(first.names):
-            raise BadRecording(f"the same columns in all files of {shown(path)}",
+            raise BadRecording(f"the same columns in all files of {display_name(path)}",
                                f"{', '.join(file.schema_arrow.names)} in {part.name}",
                                "Put recordings of different kinds into different folders.", first.names)
-    findings = [Finding("warning", "damaged-log",
-                        f"{', '.join(broken)} of {shown(path)} cannot be read ({reason}); the other "
+    findings = [Finding("warning", "log-damaged",
+                        f"{', '.join(broken)} of {display_name(path)} cannot be read ({reason}); the other "
                         f"{len(files)} files are used.", {"files": len(broken), "of": len(parts)},
                         "Record or export it again.")] if broken else []
     return files, findings
 
 
-def natural(path: Path) -> list[tuple[int, str]]:
+def natural_order(path: Path) -> list[tuple[int, str]]:
     """part-2 before part-10."""
     return [(int(each), "") if each.isdigit() else (-1, each) for each in re.split(r"(\d+)", str(path))]
 
 
-def _read(files: Sequence[pq.ParquetFile], columns: list[str] | None, log: str,
-          findings: list[Finding], lenient: bool = False) -> list[pa.Table]:
-    """The columns of every file, files without rows left out; damaged row groups are left out and said.
+def _read_tables(files: Sequence[pq.ParquetFile], columns: list[str] | None, log: str,
+                 findings: list[Finding], lenient: bool = False) -> list[pa.Table]:
+    """The columns of every file, files without rows left out; damaged row groups are left out and reported.
 
     raises  BadRecording: nothing is left, unless lenient
     """
@@ -153,7 +154,7 @@ def _read(files: Sequence[pq.ParquetFile], columns: list[str] | None, log: str,
                 lost += 1
     if lost:
         findings.append(Finding(
-            "warning", "damaged-log", f"{lost} row groups of {log} are damaged ({problem}); the others are used.",
+            "warning", "log-damaged", f"{lost} row groups of {log} are damaged ({problem}); the others are used.",
             {"groups": lost, "of": groups}, "Record or export it again."))
     whole = [table for table in tables if not set(columns or ()) - set(table.column_names)]
     if len(whole) < len(tables):
@@ -164,8 +165,8 @@ def _read(files: Sequence[pq.ParquetFile], columns: list[str] | None, log: str,
     return [table for table in tables if table.num_rows] or tables[:1]
 
 
-def _readable(files: Sequence[pq.ParquetFile], columns: list[str],
-              unreadable: dict[str, str]) -> list[str]:
+def _undamaged_columns(files: Sequence[pq.ParquetFile], columns: list[str],
+                       unreadable: dict[str, str]) -> list[str]:
     """The columns without damage; the others and why go into `unreadable`."""
     import pyarrow as pa
 
@@ -178,7 +179,8 @@ def _readable(files: Sequence[pq.ParquetFile], columns: list[str],
     return [column for column in columns if column not in unreadable]
 
 
-def _stamps(schema: pa.Schema, channel_map: ChannelMap | None, log: str) -> dict[TimeEntry | None, str | None]:
+def _clock_columns(schema: pa.Schema, channel_map: ChannelMap | None,
+                   log: str) -> dict[TimeEntry | None, str | None]:
     """Clock entry -> its column; None is the clock of all that have none of their own."""
     stamps = {None: time_column(schema, channel_map.time if channel_map else None, log)}
     for entry in channel_map.roles.values() if channel_map else ():
@@ -200,7 +202,7 @@ def _recording(tables: list[pa.Table], schema: pa.Schema, wanted: list[str], nam
     if len(tables) > 1:
         main = stamps[None]
         if main:
-            firsts = [_first(table_time([each], main, schema, channel_map and channel_map.time, log))
+            firsts = [_first_stamp(table_time([each], main, schema, channel_map and channel_map.time, log))
                       for each in tables]
             tables = [tables[i] for i in np.argsort(firsts, kind="stable")]
         table = pa.concat_tables(tables, promote_options="permissive")
@@ -211,7 +213,7 @@ def _recording(tables: list[pa.Table], schema: pa.Schema, wanted: list[str], nam
             (from_step(schema, table.num_rows, log), origin_of(schema))
     own = {}
     for entry in channel_map.roles.values() if channel_map else ():
-        name = resolve(entry.channel, names) if entry.clock else None
+        name = resolve_channel(entry.channel, names) if entry.clock else None
         if name:
             own[name] = entry.clock
     origin = clocks[None][1]
@@ -220,7 +222,7 @@ def _recording(tables: list[pa.Table], schema: pa.Schema, wanted: list[str], nam
     channels = {}
     for name in wanted:
         try:
-            values = numbers(table, names[name], name, log)
+            values = column_numbers(table, names[name], name, log)
         except BadRecording as problem:
             if unreadable is None:
                 raise
@@ -230,7 +232,7 @@ def _recording(tables: list[pa.Table], schema: pa.Schema, wanted: list[str], nam
     return Recording(log, "", channels, tuple(findings), origin, unreadable or {})
 
 
-def _first(clock: tuple[np.ndarray, float]) -> float:
+def _first_stamp(clock: tuple[np.ndarray, float]) -> float:
     """The first stamp of a clock that is one."""
     seconds, origin = clock
     known = seconds[np.isfinite(seconds)]

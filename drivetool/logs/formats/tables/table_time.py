@@ -10,8 +10,8 @@ import numpy as np
 
 from drivetool.errors import BadRecording
 from drivetool.logs import parse_unit
-from drivetool.logs.channels import TimeEntry, as_seconds, require_fine, uncounted
-from drivetool.logs.formats.tables.columns import field_at, numbers, steps_of
+from drivetool.logs.channels import TimeEntry, as_seconds, require_time_resolution, unwrap_counter
+from drivetool.logs.formats.tables.columns import column_numbers, column_path, field_at
 
 if TYPE_CHECKING:
     import pyarrow as pa
@@ -26,7 +26,7 @@ def time_column(schema: pa.Schema, entry: TimeEntry | None, log: str) -> str | N
     raises  BadRecording: the map names one that is not there
     """
     if entry is not None:
-        if not steps_of(entry.channel, schema):
+        if not column_path(entry.channel, schema):
             raise BadRecording(f"time channel '{entry.channel}'", f"no such column in {log}",
                                "Correct `time` in the channel map.", schema.names)
         return entry.channel
@@ -48,28 +48,28 @@ def table_time(tables: Sequence[pa.Table], column: str, schema: pa.Schema, entry
     import pyarrow.compute as pc
 
     table = tables[0]
-    steps = steps_of(column, schema)
+    steps = column_path(column, schema)
     kind = field_at(schema, steps).type
     if pa.types.is_timestamp(kind) or pa.types.is_duration(kind) or pa.types.is_integer(kind):
         stored = table.column(steps[0])
         for step in steps[1:]:
             stored = pc.struct_field(stored, step)
         if pa.types.is_integer(kind):
-            unit = _unit(column, schema, steps, entry)
+            unit = _time_unit(column, schema, steps, entry)
             ticks = _TICKS[parse_unit(unit, "time", f"the integer time column '{column}' of {log}").text]
         else:
             ticks = _TICKS[kind.unit]
         return _from_ticks(stored.cast(pa.int64()), ticks, entry)
     try:
-        seconds = numbers(table, steps, column, log)
+        seconds = column_numbers(table, steps, column, log)
     except BadRecording:
         raise BadRecording(f"numbers or time stamps in the time column '{column}' of {log}", f"{kind}",
                            "Name another with `time:` in the channel map, or export it as time stamps.") from None
-    unit = _unit(column, schema, steps, entry)
+    unit = _time_unit(column, schema, steps, entry)
     to_si = parse_unit(unit or "s", "time", f"time column '{column}' of {log}").to_si
     if pa.types.is_float32(kind):
-        require_fine(seconds, to_si, column, log)
-    seconds = uncounted(seconds, entry)
+        require_time_resolution(seconds, to_si, column, log)
+    seconds = unwrap_counter(seconds, entry)
     return to_si(seconds) if unit else as_seconds(seconds, column, log), origin_of(schema)
 
 
@@ -82,7 +82,7 @@ def origin_of(schema: pa.Schema) -> float:
     return origin if np.isfinite(origin) else 0.0
 
 
-def _unit(column: str, schema: pa.Schema, steps: tuple, entry: TimeEntry | None) -> str | None:
+def _time_unit(column: str, schema: pa.Schema, steps: tuple, entry: TimeEntry | None) -> str | None:
     """Unit of the time column: from the map, the field's metadata, or the end of its name."""
     if entry is not None and entry.unit:
         return entry.unit
@@ -98,11 +98,11 @@ def _from_ticks(column: pa.ChunkedArray, per_second: int, entry: TimeEntry | Non
     import pyarrow.compute as pc
 
     if not column.null_count:
-        ticks = uncounted(np.asarray(column.to_numpy(), dtype=np.int64), entry)
+        ticks = unwrap_counter(np.asarray(column.to_numpy(), dtype=np.int64), entry)
         return (ticks - ticks[0]) / per_second, int(ticks[0]) / per_second
     missing = np.asarray(column.is_null().to_numpy())
     ticks = np.asarray(pc.fill_null(column, 0).to_numpy(), dtype=np.int64)
-    known = ticks[~missing] = uncounted(ticks[~missing], entry)
+    known = ticks[~missing] = unwrap_counter(ticks[~missing], entry)
     first = int(known[0]) if len(known) else 0
     seconds = (ticks - first) / per_second
     seconds[missing] = np.nan

@@ -1,6 +1,6 @@
 """The bytes of an MCAP file come in.
 
-Its topics go out, with their messages block by block. Broken records are gone around, and told.
+Its topics go out, with their messages block by block. Broken records are skipped and reported.
 """
 
 import lazy_loader

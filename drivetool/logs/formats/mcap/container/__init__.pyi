@@ -1,3 +1,3 @@
 from .messages import Topic as Topic
-from .places import Places as Places
-from .source import Source as Source
+from .offsets import Offsets as Offsets
+from .source import McapSource as McapSource

@@ -7,11 +7,11 @@ from dataclasses import dataclass, field
 import numpy as np
 from mcap.records import Schema
 
-from drivetool.logs.formats.mcap.container.places import Places
-from drivetool.logs.formats.mcap.container.records import HEAD
+from drivetool.logs.formats.mcap.container.offsets import Offsets
+from drivetool.logs.formats.mcap.container.records import MESSAGE_HEAD_SIZE
 
-# Messages of a topic that are looked at to learn which fields it has, one per length and block.
-SAMPLES = 16
+# Messages of a topic that give its fields, one per length and block. A choice: further ones add hardly any field.
+MAX_SAMPLE_MESSAGES = 16
 
 
 @dataclass
@@ -41,27 +41,27 @@ class Block:
     only    the channel of all of them, or None where there are several
     """
 
-    places: Places
+    places: Offsets
     lengths: np.ndarray
     head: np.ndarray
     only: int | None
 
-    def of(self, channels: list[int]) -> tuple[slice | np.ndarray, Places, np.ndarray]:
+    def of(self, channels: list[int]) -> tuple[slice | np.ndarray, Offsets, np.ndarray]:
         """(which of the messages, places and lengths of their contents) of what the channels said."""
         data, starts = self.places.data, self.places.starts
-        mine = _among(self.head["channel"], channels) if self.only is None else None
+        mine = _is_any_of(self.head["channel"], channels) if self.only is None else None
         if self.only in channels or (mine is not None and mine.all()):
-            return slice(None), Places(data, starts + HEAD, self.places.stride), self.lengths
+            return slice(None), Offsets(data, starts + MESSAGE_HEAD_SIZE, self.places.stride), self.lengths
         which = np.flatnonzero(mine) if mine is not None else np.zeros(0, np.int64)
-        return which, Places.of(data, starts[which] + HEAD), self.lengths[which]
+        return which, Offsets.of(data, starts[which] + MESSAGE_HEAD_SIZE), self.lengths[which]
 
     def content(self, index: int) -> bytes:
         """The content of one message."""
-        first = int(self.places.starts[index]) + HEAD
+        first = int(self.places.starts[index]) + MESSAGE_HEAD_SIZE
         return self.places.data[first:first + int(self.lengths[index])].tobytes()
 
 
-def _among(numbers: np.ndarray, wanted: list[int]) -> np.ndarray:
+def _is_any_of(numbers: np.ndarray, wanted: list[int]) -> np.ndarray:
     """(n,) whether each number is one of a few; faster than np.isin for those."""
     found = np.zeros(len(numbers), bool)
     for each in wanted:

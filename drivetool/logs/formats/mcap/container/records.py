@@ -1,8 +1,8 @@
 """The records of an MCAP file: what the mcap package reads, and what it lacks.
 
 The package reads the summary, schemas, channels and chunks. It makes an object of each message, and
-stops at the first damaged byte. So the places of the messages are found here, all of a chunk at once,
-and so is the beginning of a chunk whose end is missing.
+stops at the first damaged byte. So this module finds the messages of a chunk all at once, and the
+beginning of a chunk whose end is missing.
 """
 
 from __future__ import annotations
@@ -24,7 +24,7 @@ from mcap.records import Chunk, Footer
 from mcap.stream_reader import MAGIC_SIZE, CRCValidationError, get_chunk_data_stream
 from mcap.summary import Summary
 
-from drivetool.logs.formats.mcap.container.room import Room
+from drivetool.logs.formats.mcap.container.arena import Arena
 
 MAGIC = b"\x89MCAP0\r\n"
 # The kind of a record and the length of its content stand before it.
@@ -35,18 +35,18 @@ CUT_CHUNK = 256
 _LENGTH = struct.Struct("<Q")
 _RECORD = np.dtype([("code", "u1"), ("length", "<u8")])
 # What every message begins with.
-HEADS = np.dtype([("channel", "<u2"), ("sequence", "<u4"), ("log_time", "<u8"), ("publish_time", "<u8")])
-HEAD = HEADS.itemsize
-# A run of records of one length is looked for after so many of them.
-_ALIKE = 4
+MESSAGE_HEAD = np.dtype([("channel", "<u2"), ("sequence", "<u4"), ("log_time", "<u8"), ("publish_time", "<u8")])
+MESSAGE_HEAD_SIZE = MESSAGE_HEAD.itemsize
+# A choice: after so many records of one length in a row, a vectorised search of further ones pays off.
+_MIN_EQUAL_LENGTHS = 4
 # What the package raises on damaged bytes.
-DAMAGED = (McapError, struct.error, ValueError)
+DAMAGE_ERRORS = (McapError, struct.error, ValueError)
 # packing -> what the beginning of a packed stream gives; the package unpacks whole ones only.
-_BEGINNING = {"": lambda packed: packed,
-              "lz4": lambda packed: lz4.frame.LZ4FrameDecompressor().decompress(packed),
-              "zstd": lambda packed: zstandard.ZstdDecompressor().decompressobj().decompress(packed)}
+_UNPACK_BEGINNING = {"": lambda packed: packed,
+                     "lz4": lambda packed: lz4.frame.LZ4FrameDecompressor().decompress(packed),
+                     "zstd": lambda packed: zstandard.ZstdDecompressor().decompressobj().decompress(packed)}
 # The packings that are read.
-PACKINGS = tuple(_BEGINNING)
+COMPRESSIONS = tuple(_UNPACK_BEGINNING)
 
 
 @dataclass(frozen=True)
@@ -65,13 +65,13 @@ class Records:
     end: int
 
 
-def walk(data: np.ndarray, first: int = 0) -> Records:
+def read_records(data: np.ndarray, first: int = 0) -> Records:
     """The records from `first` on, up to the end or the first place that holds none.
 
     Records of one length in a row, as a single topic of fixed layout gives them, are recognised at
     once; others cost a loop.
     """
-    # Without a view of its own, each unpacking would ask the array for one.
+    # One view for all: otherwise each unpacking would make one of the array.
     view, last, read = memoryview(data), len(data), _LENGTH.unpack_from
     begin: list[np.ndarray] = []
     single: list[int] = []
@@ -83,9 +83,9 @@ def walk(data: np.ndarray, first: int = 0) -> Records:
             break
         alike = alike + 1 if length == before else 0
         before = length
-        if (alike >= _ALIKE or at == first) and len(single) >= wait:
-            count = _run(data, at, length)
-            if count >= 2 * _ALIKE:
+        if (alike >= _MIN_EQUAL_LENGTHS or at == first) and len(single) >= wait:
+            count = _count_equal_records(data, at, length)
+            if count >= 2 * _MIN_EQUAL_LENGTHS:
                 if stride * count == last - first and data[at] == MESSAGE:  # all that there is
                     return Records(data, np.arange(at + RECORD_HEAD, last, stride),
                                    np.broadcast_to(np.int64(length), count), {}, last)
@@ -108,19 +108,19 @@ def walk(data: np.ndarray, first: int = 0) -> Records:
         np.column_stack([starts[others], code[others], lengths[others]]).tolist()}, at)
 
 
-def _run(data: np.ndarray, at: int, length: int) -> int:
+def _count_equal_records(data: np.ndarray, at: int, length: int) -> int:
     """How many records like the one at `at` follow each other from there."""
     stride = RECORD_HEAD + length
-    there, count, look = (len(data) - at) // stride, 0, 32
+    there, count, block = (len(data) - at) // stride, 0, 32
     code, size = data[at], np.uint64(length)
     while count < there:
-        part = min(look, there - count)
+        part = min(block, there - count)
         begin = at + count * stride
         seen = np.ndarray((part,), _RECORD, data, begin, (stride,))
         same = (seen["code"] == code) & (seen["length"] == size)
         if not same.all():
             return count + int(np.argmin(same))
-        count, look = count + part, 4 * look
+        count, block = count + part, 4 * block
     return count
 
 
@@ -136,7 +136,7 @@ class _View:
 
 
 def parse(kind: type, content: bytes | memoryview):
-    """The content of a record as the package's record of that kind, its data a view; DAMAGED if it is none."""
+    """The content of a record as the package's record of that kind, its data a view; or DAMAGE_ERRORS."""
     return kind.read(ReadDataStream(_View(content)))
 
 
@@ -154,7 +154,7 @@ def read_summary(file: mmap) -> Summary:
     return Summary()
 
 
-def open_chunk(content: memoryview, room: Room, cut: bool = False) -> tuple[np.ndarray, str]:
+def open_chunk(content: memoryview, room: Arena, cut: bool = False) -> tuple[np.ndarray, str]:
     """The records of a chunk, unpacked.
 
     content  of a chunk record; room: where the bytes go
@@ -164,12 +164,12 @@ def open_chunk(content: memoryview, room: Room, cut: bool = False) -> tuple[np.n
     nothing = np.zeros(0, np.uint8)
     try:
         chunk = parse(Chunk, content)
-    except DAMAGED:
+    except DAMAGE_ERRORS:
         return nothing, "a chunk with a broken head"
-    if chunk.compression not in _BEGINNING:  # the package would take it for not packed
+    if chunk.compression not in _UNPACK_BEGINNING:  # the package would take it for not packed
         return nothing, f"a chunk packed with '{chunk.compression}' (read are lz4, zstd and none)"
     try:
-        data = _BEGINNING[chunk.compression](chunk.data) if cut else _unpacked(chunk, room)
+        data = _UNPACK_BEGINNING[chunk.compression](chunk.data) if cut else _unpacked(chunk, room)
         return np.frombuffer(data, np.uint8), ""
     except CRCValidationError:
         return nothing, "a chunk with a wrong checksum"
@@ -177,7 +177,7 @@ def open_chunk(content: memoryview, room: Room, cut: bool = False) -> tuple[np.n
         return nothing, f"a chunk that cannot be unpacked ({type(problem).__name__})"
 
 
-def _unpacked(chunk: Chunk, room: Room) -> np.ndarray | memoryview:
+def _unpacked(chunk: Chunk, room: Arena) -> np.ndarray | memoryview:
     """All bytes; ValueError if zstandard, which stops after the first frame, gives another size than stated."""
     stream, size = get_chunk_data_stream(chunk, validate_crc=True)
     if not chunk.compression:

@@ -14,34 +14,34 @@ import numpy as np
 from mcap.records import Channel, Schema
 
 from drivetool.errors import BadRecording
-from drivetool.logs import shown
-from drivetool.logs.formats.mcap.container.messages import SAMPLES, Block, Topic
-from drivetool.logs.formats.mcap.container.places import Places
+from drivetool.logs import display_name
+from drivetool.logs.formats.mcap.container.arena import Arena
+from drivetool.logs.formats.mcap.container.messages import MAX_SAMPLE_MESSAGES, Block, Topic
+from drivetool.logs.formats.mcap.container.offsets import Offsets
 from drivetool.logs.formats.mcap.container.records import (
     CHANNEL,
     CHUNK,
     CUT_CHUNK,
-    DAMAGED,
-    HEAD,
-    HEADS,
+    DAMAGE_ERRORS,
     MAGIC,
+    MESSAGE_HEAD,
+    MESSAGE_HEAD_SIZE,
     SCHEMA,
     Records,
     open_chunk,
     parse,
+    read_records,
     read_summary,
-    walk,
 )
 from drivetool.logs.formats.mcap.container.recover import recover
-from drivetool.logs.formats.mcap.container.room import Room
-from drivetool.logs.formats.mcap.container.sources import Repeated, sources
+from drivetool.logs.formats.mcap.container.sources import Repeated, find_sources
 
 NO_SCHEMA = Schema(0, b"", "", "")
-# Unpacked chunks up to this size are kept from the first pass to the second.
-KEPT = 1 << 28
+# Unpacked chunks up to this size [bytes] stay in memory between the two passes. A choice: memory against time.
+MAX_CACHED_BYTES = 1 << 28
 
 
-class Source:
+class McapSource:
     """An opened MCAP file.
 
     topics    name -> source of messages, those with messages only
@@ -61,24 +61,25 @@ class Source:
             mapped = mmap.mmap(file.fileno(), 0, access=mmap.ACCESS_READ)
         if mapped[:len(MAGIC)] != MAGIC:
             if MAGIC.startswith(mapped[:len(MAGIC)]):
-                raise BadRecording(f"messages in {shown(path)}", "only the beginning of an MCAP file",
+                raise BadRecording(f"messages in {display_name(path)}", "only the beginning of an MCAP file",
                                    "Record or export it again.")
-            raise BadRecording(f"an MCAP file in {shown(path)}", "something else", "Record or export it again.")
+            raise BadRecording(f"an MCAP file in {display_name(path)}", "something else",
+                               "Record or export it again.")
         self._bytes = np.frombuffer(mapped, np.uint8)
         self._summary = read_summary(mapped)
-        self._top, wrong = recover(walk(self._bytes, len(MAGIC)), self._summary)
+        self._top, wrong = recover(read_records(self._bytes, len(MAGIC)), self._summary)
         kept, size = [], 0
         for block in self._read(self.damage):
             self._count(block)
             size += len(block.places.data)
             kept.append(block)
-            if size > KEPT:
+            if size > MAX_CACHED_BYTES:
                 kept = []
-        self._kept = kept if size <= KEPT else None
+        self._kept = kept if size <= MAX_CACHED_BYTES else None
         self.damage += wrong
         statistics = self._summary.statistics
         self.recorded = statistics.message_count if statistics else None
-        self.topics, self.repeated = sources(
+        self.topics, self.repeated = find_sources(
             {number: each for number, each in self._channels.items() if each.count}, self.blocks)
 
     @property
@@ -98,11 +99,11 @@ class Source:
     def _read(self, damage: list[str]) -> Iterator[Block]:
         """Block by block through the file; notes what is damaged."""
         chunks = [each for each in self._top.others.values() if each[0] in (CHUNK, CUT_CHUNK)]
-        opened = _ahead(partial(_opened, room=Room()), chunks)
+        opened = _prefetched(partial(_unpack_chunk, room=Arena()), chunks)
         for code, content in self._top.others.values():
             if code == CHUNK:
                 yield from self._chunk(*next(opened), damage)
-            elif code == CUT_CHUNK:  # that its end is missing is said already
+            elif code == CUT_CHUNK:  # its missing end is reported already
                 yield from self._chunk(next(opened)[0], "", [])
             else:
                 self._learn(code, content, damage)
@@ -113,7 +114,7 @@ class Source:
         if problem:
             damage.append(problem)
             return
-        records = walk(data)
+        records = read_records(data)
         if records.end < len(data):
             damage.append("a chunk that ends within a record")
         for code, content in records.others.values():
@@ -123,14 +124,14 @@ class Source:
     def _messages(self, records: Records, damage: list[str]) -> Iterator[Block]:
         """The messages among records that have a whole head and a known channel, if there are any."""
         starts, lengths = records.starts, records.lengths
-        whole = lengths >= HEAD
+        whole = lengths >= MESSAGE_HEAD_SIZE
         if not whole.all():
             damage.append("messages without a head")
             starts, lengths = starts[whole], lengths[whole]
         if not len(starts):
             return
-        places = Places.of(records.data, starts)
-        head = places.read(0, HEADS)
+        places = Offsets.of(records.data, starts)
+        head = places.read(0, MESSAGE_HEAD)
         numbers = head["channel"]
         only = int(numbers[0]) if np.all(numbers == numbers[0]) else None
         present = {only} if only is not None else set(np.flatnonzero(np.bincount(numbers)).tolist())
@@ -138,7 +139,7 @@ class Source:
             self._add_channel(self._summary.channels[number])
         if not present <= self._channels.keys():
             damage.append("messages of a channel that is nowhere described")
-        yield Block(places, lengths - HEAD, head, only)
+        yield Block(places, lengths - MESSAGE_HEAD_SIZE, head, only)
 
     def _learn(self, code: int, content: memoryview, damage: list[str]) -> None:
         """Remember a schema or a channel, the first of each number."""
@@ -148,7 +149,7 @@ class Source:
                 self._schemas.setdefault(schema.id, schema)
             elif code == CHANNEL:
                 self._add_channel(parse(Channel, content))
-        except DAMAGED:
+        except DAMAGE_ERRORS:
             damage.append(f"a broken {'schema' if code == SCHEMA else 'channel'}")
 
     def _add_channel(self, channel: Channel) -> None:
@@ -171,19 +172,20 @@ class Source:
             if topic is None or not count:
                 continue
             topic.count += count
-            if len(topic.samples) < SAMPLES:
+            if len(topic.samples) < MAX_SAMPLE_MESSAGES:
                 mine = np.flatnonzero(numbers == number)
                 topic.samples += [block.content(index) for index in
-                                  mine[_firsts(block.lengths[mine])][:SAMPLES - len(topic.samples)]]
+                                  mine[_first_of_each_length(block.lengths[mine])][:MAX_SAMPLE_MESSAGES
+                                                                                   - len(topic.samples)]]
 
 
-def _opened(chunk: tuple[int, memoryview], room: Room) -> tuple[np.ndarray, str]:
+def _unpack_chunk(chunk: tuple[int, memoryview], room: Arena) -> tuple[np.ndarray, str]:
     """A chunk unpacked; see open_chunk."""
     code, content = chunk
     return open_chunk(content, room, cut=code == CUT_CHUNK)
 
 
-def _ahead(work: Callable, items: Iterable, ahead: int = 4) -> Iterator:
+def _prefetched(work: Callable, items: Iterable, ahead: int = 4) -> Iterator:
     """The results of `work` in order, made by a thread that runs a little ahead."""
     with ThreadPoolExecutor(1) as pool:
         waiting = deque()
@@ -195,7 +197,7 @@ def _ahead(work: Callable, items: Iterable, ahead: int = 4) -> Iterator:
             yield waiting.popleft().result()
 
 
-def _firsts(lengths: np.ndarray) -> np.ndarray:
+def _first_of_each_length(lengths: np.ndarray) -> np.ndarray:
     """Where each length occurs first, in order; nearly always there is one length, which needs no sorting."""
     if lengths[0] == lengths[-1] and np.all(lengths == lengths[0]):
         return np.zeros(1, np.int64)

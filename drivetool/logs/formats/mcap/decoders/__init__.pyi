@@ -1,2 +1,2 @@
-from .layout import Broken as Broken
+from .layout import BrokenMessage as BrokenMessage
 from .topics import ENCODINGS as ENCODINGS, Fields as Fields, open_topic as open_topic

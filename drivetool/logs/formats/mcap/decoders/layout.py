@@ -1,9 +1,9 @@
 """Numbers out of many binary messages at once.
 
-A message is walked once by the decoder of its encoding, which says where every number lies and
-which bytes decide that (lengths, tags, names that were asked for). All messages of the same length
-with the same deciding bytes have their numbers at the same places, so they are read together. What
-fits to no other message is read alone, from the same walk.
+The decoder of its encoding walks a message once and finds where every number lies and which bytes
+decide that (lengths, tags, names in selectors). All messages of the same length
+with the same deciding bytes have their numbers at the same places, so they are read together. A
+message that matches no other is read alone, from the same walk.
 """
 
 from __future__ import annotations
@@ -16,13 +16,14 @@ from typing import Any
 import numpy as np
 
 from drivetool.logs.channels import Path, find
-from drivetool.logs.formats.mcap.container import Places
+from drivetool.logs.formats.mcap.container import Offsets
 
 VARINTS = frozenset(("int64", "uint64", "int32", "uint32", "zigzag", "flag"))
-# After so many new layouts in a block, and if they fit fewer than EACH messages on average, the rest
-# is read one by one.
-TRIES, EACH = 16, 4
-KEPT = 128
+# After MAX_NEW_LAYOUTS new layouts in a block that fit fewer than MIN_LAYOUT_MESSAGES messages on average, the rest
+# is read one by one. A choice: learning a layout costs more than reading one message.
+MAX_NEW_LAYOUTS, MIN_LAYOUT_MESSAGES = 16, 4
+# Layouts that are remembered. A choice: each costs a comparison with all messages of a block.
+MAX_KNOWN_LAYOUTS = 128
 
 
 @dataclass(frozen=True)
@@ -73,21 +74,21 @@ class Text(str):
 
 
 @dataclass(frozen=True)
-class Shape:
+class WalkedMessage:
     """One message walked: its tree of leaves, and (length,) mask of the bits that decide where they lie."""
 
     tree: Any
     mask: bytearray
 
 
-Walk = Callable[[bytes], Shape]
+Walk = Callable[[bytes], WalkedMessage]
 
 
-class Broken(ValueError):
+class BrokenMessage(ValueError):
     """A message that is not what its schema says."""
 
 
-DAMAGE = (Broken, struct.error, IndexError, RecursionError)
+DECODE_ERRORS = (BrokenMessage, struct.error, IndexError, RecursionError)
 
 
 @dataclass(frozen=True)
@@ -98,7 +99,7 @@ class Layout:
     decides: tuple[tuple[int, str, int, int], ...]
     leaves: tuple[Leaf | Default | None, ...]
 
-    def fits(self, places: Places) -> np.ndarray:
+    def fits(self, places: Offsets) -> np.ndarray:
         """(n,) whether the messages of this length there are alike."""
         same = np.ones(len(places.starts), bool)
         for offset, kind, bits, mask in self.decides:
@@ -107,14 +108,14 @@ class Layout:
         return same
 
 
-class Columns:
+class BinaryColumns:
     """Columns of numbers at `paths`, from messages that `walk` understands."""
 
     def __init__(self, walk: Walk, paths: list[Path]):
         self._walk, self._paths = walk, paths
         self._known: list[Layout] = []
 
-    def read(self, places: Places, lengths: np.ndarray) -> tuple[list[np.ndarray], np.ndarray]:
+    def read(self, places: Offsets, lengths: np.ndarray) -> tuple[list[np.ndarray], np.ndarray]:
         """The numbers of the messages at n places with `lengths` (n,).
 
         returns  per path (n,) integers where all are, else floats with NaN where there is none;
@@ -124,36 +125,36 @@ class Columns:
         good = np.ones(count, bool)
         for layout in self._known[:1]:  # nearly always the only one
             if np.all(lengths == layout.length) and layout.fits(places).all():
-                return [_values(places, leaf) for leaf in layout.leaves], good
+                return [_leaf_values(places, leaf) for leaf in layout.leaves], good
         columns: list[np.ndarray | None] = [None] * len(self._paths)
 
         def put(here, layout):
-            there = Places.of(data, starts[here])
+            there = Offsets.of(data, starts[here])
             for i, leaf in enumerate(layout.leaves):
-                columns[i] = _put(columns[i], count, here, _values(there, leaf))
+                columns[i] = _put_values(columns[i], count, here, _leaf_values(there, leaf))
 
         todo, learnt, fitted = np.arange(count), 0, 0
         for layout in self._known:
-            here, todo = _parted(layout, data, starts, lengths, todo)
+            here, todo = _split_by_layout(layout, data, starts, lengths, todo)
             if len(here):
                 put(here, layout)
-        while len(todo) and (learnt < TRIES or fitted >= EACH * learnt):
+        while len(todo) and (learnt < MAX_NEW_LAYOUTS or fitted >= MIN_LAYOUT_MESSAGES * learnt):
             layout, learnt = self._learn(data, starts, lengths, todo[0]), learnt + 1
             if layout is None:
                 good[todo[0]], todo = False, todo[1:]
                 continue
-            here, todo = _parted(layout, data, starts, lengths, todo)
+            here, todo = _split_by_layout(layout, data, starts, lengths, todo)
             put(here, layout)
             fitted += len(here)
-            if len(here) >= EACH and len(self._known) < KEPT:
+            if len(here) >= MIN_LAYOUT_MESSAGES and len(self._known) < MAX_KNOWN_LAYOUTS:
                 self._known.append(layout)
         if len(todo):
-            values, good[todo] = self._alone(data, starts[todo], lengths[todo])
-            columns = [_put(c, count, todo, v) for c, v in zip(columns, values, strict=True)]
+            values, good[todo] = self._read_singly(data, starts[todo], lengths[todo])
+            columns = [_put_values(c, count, todo, v) for c, v in zip(columns, values, strict=True)]
         return [np.full(count, np.nan) if c is None else c for c in columns], good
 
-    def _alone(self, data: np.ndarray, starts: np.ndarray,
-               lengths: np.ndarray) -> tuple[list[np.ndarray], np.ndarray]:
+    def _read_singly(self, data: np.ndarray, starts: np.ndarray,
+                     lengths: np.ndarray) -> tuple[list[np.ndarray], np.ndarray]:
         """As `read`, one message after the other."""
         lists: list[list] = [[] for _ in self._paths]
         good = np.ones(len(starts), bool)
@@ -161,8 +162,8 @@ class Columns:
             message = data[first:first + length].tobytes()
             try:
                 tree = self._walk(message).tree
-                values = [_number(message, find(tree, path)) for path in self._paths]
-            except DAMAGE:
+                values = [_leaf_number(message, find(tree, path)) for path in self._paths]
+            except DECODE_ERRORS:
                 good[i], values = False, [0] * len(lists)
             for listed, value in zip(lists, values, strict=True):
                 listed.append(value)
@@ -175,27 +176,27 @@ class Columns:
         message = data[first:first + length].tobytes()
         try:
             shape = self._walk(message)
-        except DAMAGE:
+        except DECODE_ERRORS:
             return None
-        seen: list = []
-        leaves = [find(shape.tree, path, seen) for path in self._paths]
-        for text in seen:
+        compared: list = []
+        leaves = [find(shape.tree, path, compared) for path in self._paths]
+        for text in compared:
             if isinstance(text, Text):
                 shape.mask[text.offset:text.offset + text.size] = b"\xff" * text.size
         leaves = tuple(leaf if isinstance(leaf, Leaf | Default) else None for leaf in leaves)
-        return Layout(length, _words(message, shape.mask), leaves)
+        return Layout(length, _deciding_words(message, shape.mask), leaves)
 
 
-def _parted(layout: Layout, data: np.ndarray, starts: np.ndarray, lengths: np.ndarray,
-            todo: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+def _split_by_layout(layout: Layout, data: np.ndarray, starts: np.ndarray, lengths: np.ndarray,
+                     todo: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """(messages that the layout fits, the others)."""
     fit = lengths[todo] == layout.length
     mine = todo[fit]
-    fit[fit] = layout.fits(Places.of(data, starts[mine]))
+    fit[fit] = layout.fits(Offsets.of(data, starts[mine]))
     return (todo, todo[:0]) if fit.all() else (todo[fit], todo[~fit])
 
 
-def _words(message: bytes, mask: bytearray) -> tuple[tuple[int, str, int, int], ...]:
+def _deciding_words(message: bytes, mask: bytearray) -> tuple[tuple[int, str, int, int], ...]:
     """The bits that decide, in words of eight bytes, or of one in a message shorter than that."""
     size, kind = (8, "<u8") if len(message) >= 8 else (1, "u1")
     words, at = [], 0
@@ -211,7 +212,7 @@ def _words(message: bytes, mask: bytearray) -> tuple[tuple[int, str, int, int], 
         at = first + size
 
 
-def _put(column: np.ndarray | None, count: int, here: np.ndarray, values: np.ndarray) -> np.ndarray:
+def _put_values(column: np.ndarray | None, count: int, here: np.ndarray, values: np.ndarray) -> np.ndarray:
     """The column with values at some places; what has no value is NaN, and makes all of it floats."""
     if len(here) == count:
         return values
@@ -223,7 +224,7 @@ def _put(column: np.ndarray | None, count: int, here: np.ndarray, values: np.nda
     return column
 
 
-def _values(places: Places, leaf: Leaf | Default | None) -> np.ndarray:
+def _leaf_values(places: Offsets, leaf: Leaf | Default | None) -> np.ndarray:
     """(n,) floats or whole numbers at a leaf of every message; NaN if there is none."""
     if leaf is None:
         return np.full(len(places.starts), np.nan)
@@ -237,7 +238,7 @@ def _values(places: Places, leaf: Leaf | Default | None) -> np.ndarray:
     return _signed(values) if values.dtype.kind == "u" else values.astype(np.int64)
 
 
-def _number(message: bytes, leaf: Any) -> float | int:
+def _leaf_number(message: bytes, leaf: Any) -> float | int:
     """The number at a leaf of one message; NaN if there is none."""
     if isinstance(leaf, Default):
         return leaf.value

@@ -7,14 +7,22 @@ from dataclasses import dataclass
 from functools import partial
 from typing import Any
 
-from drivetool.logs.formats.mcap.decoders.layout import Broken, Default, Leaf, Numbers, Shape, Text, Walk
+from drivetool.logs.formats.mcap.decoders.layout import (
+    BrokenMessage,
+    Default,
+    Leaf,
+    Numbers,
+    Text,
+    Walk,
+    WalkedMessage,
+)
 
 # Type numbers of descriptor.proto -> (kind of leaf, wire type, size of fixed ones).
 _SCALARS = {1: ("<f8", 1, 8), 2: ("<f4", 5, 4), 3: ("int64", 0, 0), 4: ("uint64", 0, 0), 5: ("int32", 0, 0),
             6: ("<u8", 1, 8), 7: ("<u4", 5, 4), 8: ("flag", 0, 0), 13: ("uint32", 0, 0), 14: ("int32", 0, 0),
             15: ("<i4", 5, 4), 16: ("<i8", 1, 8), 17: ("zigzag", 0, 0), 18: ("zigzag", 0, 0)}
 _STRING, _MESSAGE, _REPEATED = 9, 11, 3
-_DEPTH = 60
+_MAX_DEPTH = 60  # of nested messages; below the limit of 100 in Protobuf's own parsers. Deeper is damage.
 
 
 @dataclass(frozen=True)
@@ -39,30 +47,30 @@ def protobuf_walk(name: str, descriptors: bytes) -> tuple[Walk, Types]:
     """
     types: Types = {}
     try:
-        for file in _inside(_parts(descriptors), 1):
-            parts = _parts(file)
+        for file in _field_contents(_wire_fields(descriptors), 1):
+            parts = _wire_fields(file)
             package, proto3 = _first_text(parts, 2), _first_text(parts, 12) == "proto3"
-            for inner in _inside(parts, 4):
+            for inner in _field_contents(parts, 4):
                 _declare(inner, f"{package}." if package else "", proto3, types)
     except (IndexError, UnicodeDecodeError):
-        raise Broken("descriptors that are cut short") from None
+        raise BrokenMessage("descriptors that are cut short") from None
     if name not in types:
-        raise Broken(f"no description of {name}")
+        raise BrokenMessage(f"no description of {name}")
     return partial(_walk, name=name, types=types), types
 
 
 def _declare(descriptor: bytes, prefix: str, proto3: bool, types: Types) -> None:
     """Add a message type and those nested in it."""
-    parts = _parts(descriptor)
+    parts = _wire_fields(descriptor)
     full = prefix + _first_text(parts, 1)
-    types[full] = dict(_field(each, proto3) for each in _inside(parts, 2))
-    for inner in _inside(parts, 3):
+    types[full] = dict(_field_of_descriptor(each, proto3) for each in _field_contents(parts, 2))
+    for inner in _field_contents(parts, 3):
         _declare(inner, f"{full}.", proto3, types)
 
 
-def _field(descriptor: bytes, proto3: bool) -> tuple[int, Field]:
+def _field_of_descriptor(descriptor: bytes, proto3: bool) -> tuple[int, Field]:
     """(number, Field) of a field descriptor."""
-    parts = _parts(descriptor)
+    parts = _wire_fields(descriptor)
     numbers = {number: value for number, value in parts if isinstance(value, int)}
     kind, repeated = numbers.get(5, 0), numbers.get(4) == _REPEATED
     # Only a proto3 field that is neither optional nor in a oneof is left out when it is zero.
@@ -74,21 +82,21 @@ def _field(descriptor: bytes, proto3: bool) -> tuple[int, Field]:
                                     default)
 
 
-def _parts(data: bytes) -> list[tuple[int, int | bytes | None]]:
+def _wire_fields(data: bytes) -> list[tuple[int, int | bytes | None]]:
     """(field number, number or bytes) of each field."""
     return [(number, data[begin:end] if wire == 2 else value)
-            for number, wire, value, begin, end in _wire(data, 0, len(data))]
+            for number, wire, value, begin, end in _walk_wire(data, 0, len(data))]
 
 
-def _inside(parts: list, number: int) -> list[bytes]:
+def _field_contents(parts: list, number: int) -> list[bytes]:
     return [value for n, value in parts if n == number and isinstance(value, bytes)]
 
 
 def _first_text(parts: list, number: int) -> str:
-    return next((value.decode() for value in _inside(parts, number)), "")
+    return next((value.decode() for value in _field_contents(parts, number)), "")
 
 
-def _wire(data: bytes, first: int, last: int) -> Iterator[tuple[int, int, int | None, int, int]]:
+def _walk_wire(data: bytes, first: int, last: int) -> Iterator[tuple[int, int, int | None, int, int]]:
     """(field number, wire type, number or None, where the content begins, where it ends) of each field."""
     at = first
     while at < last:
@@ -106,9 +114,9 @@ def _wire(data: bytes, first: int, last: int) -> Iterator[tuple[int, int, int | 
             size, begin = _varint(data, at)
             at = begin + size
         else:
-            raise Broken(f"wire type {wire}")
+            raise BrokenMessage(f"wire type {wire}")
         if at > last or number == 0:
-            raise Broken("a field beyond its message")
+            raise BrokenMessage("a field beyond its message")
         yield number, wire, value, begin, at
 
 
@@ -123,24 +131,24 @@ def _varint(data: bytes, at: int) -> tuple[int, int]:
             return total, at
         shift += 7
         if shift > 63:
-            raise Broken("a number that is too long")
+            raise BrokenMessage("a number that is too long")
 
 
-def _walk(message: bytes, name: str, types: Types) -> Shape:
+def _walk(message: bytes, name: str, types: Types) -> WalkedMessage:
     """One message; Broken if it is not what its descriptors say."""
     mask = bytearray(len(message))
-    return Shape(_message(message, 0, len(message), name, types, mask, 0), mask)
+    return WalkedMessage(_message(message, 0, len(message), name, types, mask, 0), mask)
 
 
 def _message(data: bytes, first: int, last: int, name: str, types: Types, mask: bytearray,
              depth: int) -> dict[str, Any]:
     """The tree of a message that lies between two places."""
     fields = types.get(name)
-    if fields is None or depth > _DEPTH:
-        raise Broken(f"a message {name}")
+    if fields is None or depth > _MAX_DEPTH:
+        raise BrokenMessage(f"a message {name}")
     tree: dict[str, Any] = {}
     before = first
-    for number, wire, _, begin, end in _wire(data, first, last):
+    for number, wire, _, begin, end in _walk_wire(data, first, last):
         field = fields.get(number)
         # The tag and a length before the content decide where everything lies.
         mask[before:begin] = b"\xff" * (begin - before)
@@ -148,26 +156,26 @@ def _message(data: bytes, first: int, last: int, name: str, types: Types, mask: 
             mask[begin:end] = b"\x80" * (end - begin)
         before = end
         if field is not None:
-            _add(tree, field, wire, data, begin, end, types, mask, depth)
+            _add_field(tree, field, wire, data, begin, end, types, mask, depth)
     for field in fields.values():
         if field.name not in tree and (field.default is not None or field.repeated):
             tree[field.name] = [] if field.repeated else Default(field.default)
     return tree
 
 
-def _add(tree: dict, field: Field, wire: int, data: bytes, begin: int, end: int, types: Types,
-         mask: bytearray, depth: int) -> None:
+def _add_field(tree: dict, field: Field, wire: int, data: bytes, begin: int, end: int, types: Types,
+               mask: bytearray, depth: int) -> None:
     """Put one field into the tree; the last of several wins, as the format has it."""
     value: Any
     if field.type in _SCALARS:
         kind, usual, size = _SCALARS[field.type]
         if wire == 2 and field.repeated:
-            found = _packed(data, begin, end, kind, size, mask)
+            found = _packed_numbers(data, begin, end, kind, size, mask)
             known = tree.get(field.name)
             tree[field.name] = found if not known else [*known, *found]
             return
         if wire != usual:
-            raise Broken(f"{field.name} in another form")
+            raise BrokenMessage(f"{field.name} in another form")
         value = Leaf(begin, kind, end - begin)
     elif field.type == _MESSAGE and wire == 2:
         value = _message(data, begin, end, field.message, types, mask, depth + 1)
@@ -185,11 +193,11 @@ def _add(tree: dict, field: Field, wire: int, data: bytes, begin: int, end: int,
         tree[field.name] = value
 
 
-def _packed(data: bytes, begin: int, end: int, kind: str, size: int, mask: bytearray) -> Any:
+def _packed_numbers(data: bytes, begin: int, end: int, kind: str, size: int, mask: bytearray) -> Any:
     """Numbers without tags between them."""
     if size:
         if (end - begin) % size:
-            raise Broken("a list that is cut short")
+            raise BrokenMessage("a list that is cut short")
         return Numbers(begin, kind, size, (end - begin) // size)
     leaves, at = [], begin
     while at < end:
@@ -198,5 +206,5 @@ def _packed(data: bytes, begin: int, end: int, kind: str, size: int, mask: bytea
         mask[at:after] = b"\x80" * (after - at)
         at = after
     if at > end:
-        raise Broken("a list that is cut short")
+        raise BrokenMessage("a list that is cut short")
     return leaves

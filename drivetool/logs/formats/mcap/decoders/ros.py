@@ -6,32 +6,32 @@ import struct
 from functools import partial
 from typing import Any
 
-from drivetool.logs.formats.mcap.decoders.layout import Broken, Leaf, Numbers, Shape, Text, Walk
-from drivetool.logs.formats.mcap.decoders.ros_types import Types, parse
+from drivetool.logs.formats.mcap.decoders.layout import BrokenMessage, Leaf, Numbers, Text, Walk, WalkedMessage
+from drivetool.logs.formats.mcap.decoders.ros_types import Types, parse_definition
 
-# More elements that are not plain numbers than this: a damaged length, not a drive.
-MOST = 100_000
+# A list with more elements that are not plain numbers has a damaged length; a choice far above any drive's.
+MAX_LIST_LENGTH = 100_000
 
 
 def ros1_walk(name: str, definition: str) -> tuple[Walk, Types]:
     """How a ROS 1 message is walked: no alignment, low byte first; Broken: a definition that is none."""
-    types = parse(name, definition, ros2=False)
+    types = parse_definition(name, definition, ros2=False)
     return partial(_walk, name=name, types=types, cdr=False), types
 
 
 def cdr_walk(name: str, definition: str) -> tuple[Walk, Types]:
-    """How a ROS 2 message in CDR is walked: aligned numbers after a head that tells the byte order."""
-    types = parse(name, definition, ros2=True)
+    """How a ROS 2 message in CDR is walked: aligned numbers after a head that gives the byte order."""
+    types = parse_definition(name, definition, ros2=True)
     return partial(_walk, name=name, types=types, cdr=True), types
 
 
-def _walk(message: bytes, name: str, types: Types, cdr: bool) -> Shape:
+def _walk(message: bytes, name: str, types: Types, cdr: bool) -> WalkedMessage:
     """One message; Broken or struct.error if it is not what its definition says."""
     cursor = _Cursor(message, types, cdr)
     tree = cursor.message(name)
     if cursor.at > len(message):
-        raise Broken("a message that is too short")
-    return Shape(tree, cursor.mask)
+        raise BrokenMessage("a message that is too short")
+    return WalkedMessage(tree, cursor.mask)
 
 
 class _Cursor:
@@ -44,7 +44,7 @@ class _Cursor:
         if cdr:
             # 0, 1: plain CDR; 6, 7: its second version, which aligns to four bytes at most.
             if len(message) < 4 or message[1] not in (0, 1, 6, 7):
-                raise Broken("an encapsulation other than plain CDR")
+                raise BrokenMessage("an encapsulation other than plain CDR")
             self.order = "<" if message[1] & 1 else ">"
             self.widest = 8 if message[1] < 2 else 4
             self.mask[:2] = b"\xff\xff"
@@ -66,13 +66,13 @@ class _Cursor:
             leaf = Leaf(self.at, self.order + code, size)
             self.at += size
             if self.at > len(self.bytes):
-                raise Broken("a message that is too short")
+                raise BrokenMessage("a message that is too short")
             return leaf
         return self._text() if kind == "string" else self._other(kind)
 
     def _other(self, kind: str) -> dict[str, Any]:
         if kind == "wstring":
-            raise Broken("a wstring")
+            raise BrokenMessage("a wstring")
         return self.message(kind)
 
     def _many(self, kind: tuple[str, int] | str, count: int) -> Any:
@@ -84,17 +84,17 @@ class _Cursor:
             numbers = Numbers(self.at, self.order + code, size, count)
             self.at += size * count
             if self.at > len(self.bytes):
-                raise Broken("a message that is too short")
+                raise BrokenMessage("a message that is too short")
             return numbers
-        if count > MOST:
-            raise Broken(f"a list of {count}")
+        if count > MAX_LIST_LENGTH:
+            raise BrokenMessage(f"a list of {count}")
         return [self._value(kind) for _ in range(count)]
 
     def _text(self) -> Text:
         length = self._length()
         first, self.at = self.at, self.at + length
         if self.at > len(self.bytes):
-            raise Broken("a message that is too short")
+            raise BrokenMessage("a message that is too short")
         return Text(self.bytes[first:first + length - self.cdr * (length > 0)], first)
 
     def _length(self) -> int:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import re
 from dataclasses import dataclass
 
-from drivetool.logs.formats.mcap.decoders.layout import Broken
+from drivetool.logs.formats.mcap.decoders.layout import BrokenMessage
 
 # name -> (NumPy kind without byte order, size); `char` and `byte` differ between the two.
 PRIMITIVES = {
@@ -40,24 +40,24 @@ class Field:
 Types = dict[str, tuple[Field, ...]]
 
 
-def parse(name: str, text: str, ros2: bool) -> Types:
+def parse_definition(name: str, text: str, ros2: bool) -> Types:
     """The types in a definition.
 
     name     of the message; text: its definition, those it needs after lines of `=` and `MSG: name`
     returns  full name (package/Type) -> fields in order; `name` is the key of the message itself
     raises   Broken: a line that is none, or a type that is not defined
     """
-    raw = {_plain(name): []}
-    current = _plain(name)
+    raw = {_short_name(name): []}
+    current = _short_name(name)
     for line in text.splitlines():
         line = line.strip()
         if line.startswith("===") or not line:
             continue
         if line.startswith("MSG:"):
-            current = _plain(line[4:].strip())
+            current = _short_name(line[4:].strip())
             raw[current] = []
             continue
-        entry = _field(line)
+        entry = _parse_field(line)
         if entry:
             raw[current].append(entry)
     known = _ROS2 if ros2 else _ROS1
@@ -65,13 +65,13 @@ def parse(name: str, text: str, ros2: bool) -> Types:
         raw.setdefault(stamp, [(part, kind, None, None) for part, kind in parts])
     types = {}
     for owner, entries in raw.items():
-        types[owner] = tuple(Field(field, known.get(kind) or _full(kind, owner, raw), count, unit)
+        types[owner] = tuple(Field(field, known.get(kind) or _full_name(kind, owner, raw), count, unit)
                              for field, kind, count, unit in entries)
-    types[name] = types[_plain(name)]
+    types[name] = types[_short_name(name)]
     return types
 
 
-def _field(line: str) -> tuple[str, str, int | None, str | None] | None:
+def _parse_field(line: str) -> tuple[str, str, int | None, str | None] | None:
     """(name, type, count, unit) of a line; None for a comment or a constant."""
     if line.startswith("#"):
         return None
@@ -79,7 +79,7 @@ def _field(line: str) -> tuple[str, str, int | None, str | None] | None:
     if not found:
         if line.startswith(("@", "---")):
             return None
-        raise Broken(f"the line '{line[:40]}'")
+        raise BrokenMessage(f"the line '{line[:40]}'")
     kind, _, brackets, bounded, size, name, constant = found.groups()
     if constant:
         return None
@@ -88,17 +88,17 @@ def _field(line: str) -> tuple[str, str, int | None, str | None] | None:
     return name, kind, count, unit[1].strip() if unit else None
 
 
-def _plain(name: str) -> str:
+def _short_name(name: str) -> str:
     """package/Type, whatever stands between."""
     parts = name.split("/")
     return f"{parts[0]}/{parts[-1]}" if len(parts) > 1 else name
 
 
-def _full(kind: str, owner: str, known: dict) -> str:
+def _full_name(kind: str, owner: str, known: dict) -> str:
     """The full name of a type that a field of `owner` names."""
     if kind in ("string", "wstring"):
         return kind
-    for name in (_plain(kind), f"{owner.partition('/')[0]}/{kind}", f"std_msgs/{kind}"):
+    for name in (_short_name(kind), f"{owner.partition('/')[0]}/{kind}", f"std_msgs/{kind}"):
         if name in known:
             return name
-    raise Broken(f"the type {kind}, which is not defined")
+    raise BrokenMessage(f"the type {kind}, which is not defined")

@@ -9,7 +9,7 @@ from typing import Any
 from drivetool.logs.channels import Path, field_path
 from drivetool.logs.formats.mcap.container import Topic
 from drivetool.logs.formats.mcap.decoders import json_text, protobuf, ros
-from drivetool.logs.formats.mcap.decoders.layout import DAMAGE, Broken, Columns, Default, Leaf
+from drivetool.logs.formats.mcap.decoders.layout import DECODE_ERRORS, BinaryColumns, BrokenMessage, Default, Leaf
 
 # message encoding -> schema encoding that it needs. Definitions in IDL (ros2idl, omgidl) are refused by name: of
 # the parsers for Python that are kept up, one is GPL, one comes in compiled code with readers of its own.
@@ -77,11 +77,11 @@ def open_topic(topic: Topic) -> Fields:
     """
     needs = ENCODINGS.get(topic.encoding)
     if needs is None:
-        raise Broken(f"encoding {topic.encoding or 'none'}")
+        raise BrokenMessage(f"encoding {topic.encoding or 'none'}")
     if topic.encoding == "json":
-        return _json(topic)
+        return _open_json(topic)
     if topic.schema.encoding != needs:
-        raise Broken(f"encoding {topic.encoding} with schema encoding {topic.schema.encoding or 'none'}, "
+        raise BrokenMessage(f"encoding {topic.encoding} with schema encoding {topic.schema.encoding or 'none'}, "
                      f"not {needs}")
     text = topic.schema.data
     if topic.encoding == "protobuf":
@@ -91,12 +91,12 @@ def open_topic(topic: Topic) -> Fields:
         walk, types = make(topic.schema.name, text.decode("utf-8", "replace"))
         # A type that has no fields is sent as one byte after the head, filled up to four at most.
         if not types[topic.schema.name] and max(map(len, topic.samples)) > _NO_FIELDS:
-            raise Broken(f"the definition of its schema {topic.schema.name} is empty")
+            raise BrokenMessage(f"the definition of its schema {topic.schema.name} is empty")
     trees = []
     for sample in topic.samples:
         try:
             trees.append(walk(sample).tree)
-        except DAMAGE:
+        except DECODE_ERRORS:
             continue
 
     def unit(path: Path) -> str | None:
@@ -104,27 +104,27 @@ def open_topic(topic: Topic) -> Fields:
         return noted or (_ros_unit(types, topic.schema.name, path) if topic.encoding != "protobuf" else None)
 
     if not trees:
-        raise Broken("messages that are not what their schema says")
-    return Fields(topic.topic, topic.name, _listed(trees), tuple(trees), unit,
-                  lambda paths: Columns(walk, list(paths)))
+        raise BrokenMessage("messages that are not what their schema says")
+    return Fields(topic.topic, topic.name, _listed_paths(trees), tuple(trees), unit,
+                  lambda paths: BinaryColumns(walk, list(paths)))
 
 
-def _json(topic: Topic) -> Fields:
-    """A topic in JSON; its schema is optional and says what the first messages may not."""
+def _open_json(topic: Topic) -> Fields:
+    """A topic in JSON; its schema is optional and may declare fields that the first messages lack."""
     schema = None
     if topic.schema.encoding == "jsonschema":
         schema = json_text.loads(topic.schema.data)
     trees = [tree for tree in map(json_text.loads, topic.samples) if tree is not None]
-    listed = list(_listed(trees))
+    listed = list(_listed_paths(trees))
     if schema:
-        listed = list(dict.fromkeys([*listed, *json_text.declared(schema)]))
+        listed = list(dict.fromkeys([*listed, *json_text.declared_paths(schema)]))
 
     if not trees and not listed:
-        raise Broken("messages that are no JSON objects")
+        raise BrokenMessage("messages that are no JSON objects")
 
     def unit(path: Path) -> str | None:
         noted = topic.metadata.get(f"unit:{field_path.text_of(path)}")
-        return noted or json_text.unit(schema, path)
+        return noted or json_text.schema_unit(schema, path)
 
     return Fields(topic.topic, topic.name, tuple(listed), tuple(trees), unit, json_text.JsonColumns)
 
@@ -133,7 +133,7 @@ def _is_number(node: Any) -> bool:
     return isinstance(node, Leaf | Default | bool) or json_text.is_number(node)
 
 
-def _listed(trees: Sequence[Any]) -> tuple[Path, ...]:
+def _listed_paths(trees: Sequence[Any]) -> tuple[Path, ...]:
     """The numbers of all samples, in the order in which they are met."""
     return tuple(dict.fromkeys(path for tree in trees
                                for path in field_path.paths(tree, _is_listed)))

@@ -1,0 +1,87 @@
+"""The report of the causes that were fitted on top of a node."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+
+import numpy as np
+
+from drivetool.check.fit import FIT_ERRORS, MIN_TESTABLE_GAIN, Model, added_parameters
+from drivetool.check.heldout import Score, total_evidence
+from drivetool.check.outcome import CandidateResult, State
+from drivetool.check.search.absence import law_of, needed
+from drivetool.check.search.candidate_fit import CandidateFit
+from drivetool.check.search.decision import Decision
+from drivetool.check.search.detection_limit import DETECTION_STDS, detection_limits_with_cause
+from drivetool.check.starts import MIN_LAG_SAMPLES
+from drivetool.drive.effects import STEP_RECORDS
+from drivetool.identify.estimate import Parameter
+
+
+def candidate_results(candidates: Sequence[CandidateFit], scores: Sequence[Score], decision: Decision, base: Model,
+                      gained: float,
+                      rejected: Mapping[str, str]) -> tuple[CandidateResult, ...]:
+    """One result per cause that was fitted on top of the base, the best first.
+
+    gained    log likelihood by the causes that were found before, as the decision had it
+    rejected  cause -> why held-out data reject it
+    """
+    by_code = {s.model.code: s for s in scores}
+    lines, largest_gain = [], max((base.value - t.model.value for t in candidates if t.model and not t.absent),
+                                  default=0.0)
+    for t in candidates:
+        code, s = t.cause.code, by_code.get(t.cause.code)
+        common = (code, law_of(t.cause))
+        found = t.smallest if s is None or code not in decision.between else detection_limits_with_cause(
+            t.cause, t.smallest, s.model, base)
+        sizes = _detectable_sizes(found, MIN_LAG_SAMPLES * base.problem.traces[0].step)
+        if t.absent is not None:
+            lines.append(CandidateResult(*common, t.absent, smallest=sizes, reason=t.reason))
+        elif s is None:
+            state, reason = _untested_state(t, 0.0 if t.model is None else base.value - t.model.value, largest_gain)
+            lines.append(CandidateResult(*common, state, smallest=sizes, reason=reason))
+        else:
+            lines.append(CandidateResult(
+                *common, _tested_state(s, decision), s.gain, s.gain_std,
+                total_evidence([s], gained) / float(np.log(10.0)), sizes, fitted_parameters(s.model, base),
+                rejected.get(code) or _event_records(s.model), s.sure))
+    return tuple(sorted(lines, key=lambda r: (-(r.gain if r.gain is not None else -np.inf), r.code)))
+
+
+def fitted_parameters(model: Model, base: Model) -> tuple[Parameter, ...]:
+    """The fitted parameters of a cause; none if its fit diverged."""
+    try:
+        return added_parameters(model, base)
+    except FIT_ERRORS:
+        return ()
+
+
+def _event_records(model: Model) -> str:
+    """Which records contain a single event, if there are others."""
+    numbers = {v for n, v in model.task.drive.values.items() if n.endswith(STEP_RECORDS) and v > 0.0}
+    names = dict.fromkeys(t.name for t in model.problem.traces if t.record in numbers)
+    return f"Only {', '.join(names)} has it." if names else ""
+
+
+def _detectable_sizes(resolved: Mapping[str, float], shortest: float) -> dict[str, float]:
+    """Smallest detectable sizes; of a bandwidth the largest, whose lag is at least the shortest."""
+    return {n: 1.0 / max(DETECTION_STDS * v, shortest) if n.endswith(".bandwidth") else DETECTION_STDS * v
+            for n, v in resolved.items() if np.isfinite(v) and v > 0.0}
+
+
+def _untested_state(t: CandidateFit, gain: float, largest_gain: float) -> tuple[State, str]:
+    """State and reason of a cause that was not tested on held-out data."""
+    if gain > MIN_TESTABLE_GAIN:
+        return "worse", (f"on the records it is fitted to it gains {gain:.0f} of log likelihood, the likeliest "
+                         f"cause {largest_gain:.0f}")
+    if t.smallest and all(not np.isfinite(v) for v in t.smallest.values()):
+        return "not-shown", needed(t.cause)
+    if t.model is None:
+        return "no-gain", "its expected gain is too small for a fit"
+    return "no-gain", "it does not make the records it is fitted to more likely"
+
+
+def _tested_state(s: Score, decision: Decision) -> State:
+    if s.model.code in decision.between:
+        return "named" if len(decision.between) == 1 else "possible"
+    return "worse" if s.gain > 0.0 else "no-gain"

@@ -1,0 +1,53 @@
+"""Speeds that a drive computes as differences of encoder counts from sample to sample."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+
+import numpy as np
+
+from drivetool.errors import Finding
+from drivetool.logs.samples.spikes import quantisation_step
+
+# Samples without a gap. A choice: fewer give Welch densities of too few segments; more take longer for the same.
+MIN_DENSITY_SAMPLES, MAX_DENSITY_SAMPLES = 1000, 100_000
+# Bands [sampling rates] in which quantisation noise dominates the motion: differences rise as sin^2(pi f).
+UPPER_BAND, MIDDLE_BAND = (0.42, 0.48), (0.2, 0.25)
+# Least density in the upper band over that of rounded speeds, q^2/12, and range of upper over middle band.
+# Differences of rounded counts give 3.9 and 1.7; noise of the angle itself raises both alike.
+MIN_QUANTISATION_RATIO, BAND_RATIO_RANGE = 2.5, (1.7, 3.2)
+
+
+def quantised_speed_findings(signals: Mapping[str, np.ndarray], segments: Sequence[tuple[int, int]], step: float,
+                   ) -> list[Finding]:
+    """A finding per speed whose noise is that of differences of counts.
+
+    signals  role -> (n,); segments: (first, last + 1) without a gap; step [s]
+    """
+    first, last = max(segments, key=lambda s: s[1] - s[0])
+    findings = []
+    for role in (r for r in signals if r.endswith("_speed")):
+        y = signals[role][first:min(last, first + MAX_DENSITY_SAMPLES)]
+        if len(y) < MIN_DENSITY_SAMPLES or not np.isfinite(y).all():
+            continue
+        size = quantisation_step(y)
+        if size and is_differentiated_counts(y, size):
+            findings.append(Finding(
+                "warning", "quantised-speed",
+                f"{role} has a quantisation step of {size:.4g} and the noise of differences: it was computed from "
+                f"an encoder's counts of {size * step:.4g}, from one sample to the next.",
+                {"role": role, "steps": size, "count": size * step},
+                f"Log the counts, or take their sum: --condition 'integrate roles={role}'. The noise of "
+                "such a speed can look like a missing law."))
+    return findings
+
+
+def is_differentiated_counts(y: np.ndarray, size: float) -> bool:
+    """Whether the fast noise of values (n,) in steps of a size is that of a differentiated rounded angle."""
+    from scipy.signal import welch  # takes as long to load as many a fit; few records come here
+
+    frequency, density = welch(y, nperseg=min(256, len(y)), detrend="linear")
+    fast, middle = (float(np.median(density[(frequency >= a) & (frequency <= b)])) / 2.0
+                    for a, b in (UPPER_BAND, MIDDLE_BAND))
+    rounded = size**2 / 12.0
+    return fast > MIN_QUANTISATION_RATIO * rounded and BAND_RATIO_RANGE[0] < fast / middle < BAND_RATIO_RANGE[1]
