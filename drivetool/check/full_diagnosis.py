@@ -61,8 +61,8 @@ MAX_START_FACTOR = 1.5
 MIN_RECORD_LENGTH = 2.0  # s of record: with less nothing can be held out
 SHAFT_TORQUE_UNCHECKED = Finding(
     "note", "shaft-torque-unchecked",
-    "Sign and scale of the shaft torque could not be checked: the motor channels do not identify the shaft "
-    "torque.",
+    "Sign and scale of the shaft torque could not be checked: the shaft torque is not identifiable from "
+    "the motor channels.",
     {}, "Record torque steps near the resonance.")
 
 

@@ -65,7 +65,7 @@ def test_what_a_body_lacks_is_named_with_its_size_and_gain(machine, named, name,
     line = next(p for p in found.estimate.parameters if p.name == name)
     assert line.ci95[0] < true < line.ci95[1] and line.std < 0.05 * true
     assert found.gain.of == "torque" and found.gain.further_record_interval[0] > 0.0
-    assert "torque that the motion requires is off by" in found.sentence and "nan" not in found.sentence
+    assert "the required torque has an rms error of" in found.sentence and "nan" not in found.sentence
     assert np.isnan(found.gain.unexplained_percent)  # what is left need not be a law of the motion
     states = {c.code: c.state for c in found.rounds[0].candidates}
     assert states[named] == "named" and len(states) == len(BY_TORQUE.candidates)

@@ -106,8 +106,9 @@ def test_every_rule_is_decided_by_somewhere():
     (replace(TIED, causes=("imbalance", "backlash")), ("imbalance",), TIED.between, ""),
     (replace(TIED, after=0.9, floor=0.1, torque_noise=0.08), (), (*TIED.between, UNLISTED), ""),
     (replace(PART, faults=("outliers",)), ("outliers",), ("backlash", UNLISTED),
-     "87 % of what could be explained is left"),
-    (replace(PART, between=TIED.between), (), (*TIED.between, UNLISTED), "87 % of what could be explained is left"),
+     "87 % of the explainable residual remains"),
+    (replace(PART, between=TIED.between), (), (*TIED.between, UNLISTED),
+     "87 % of the explainable residual remains"),
     (replace(PART, faults=("outliers",), unasked="imbalance"), ("outliers",), (), ""),
     # The scale of a shaft torque that a drive says which lacks something.
     (replace(NONE, left=26.0, faults=("outliers", "wrong-scale"), by_model=("wrong-scale",)), ("outliers",), (),

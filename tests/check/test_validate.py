@@ -170,7 +170,7 @@ def test_a_model_that_explains_less_than_a_constant_fails_unless_requested(min_f
 def test_noise_across_a_gap_limits_the_free_run():
     found = validated("rig", "gap_holdout", options=ValidateOptions(90.0))
     assert codes(found) == {"limit-missed", "free-run-noise-limited"}
-    assert not found.checks[0].passed and "as much as the torque noise allows" in found.verdict
+    assert not found.checks[0].passed and "limited by the torque noise" in found.verdict
     note, = (f for f in found.findings if f.code == "free-run-noise-limited")
     low, fit, middle = (note.evidence[k] for k in (
         "attainable_fit_low", "simulation_fit_percent", "attainable_fit_median"))
@@ -248,9 +248,9 @@ def test_records_the_fit_has_seen_and_ranges_it_has_not():
     used = [f for f in found.findings if f.code == "not-held-out"]
     assert [f.text.split()[0] for f in used] == ["first", "first", "other"]
     assert [c.model for c in found.checks] == ["a.yaml (1)"] * 2 + ["a.yaml (2)"] * 2
-    assert [c.file for c in found.checks] == ["first", "other"] * 2 and "no validation" not in found.verdict
+    assert [c.file for c in found.checks] == ["first", "other"] * 2 and "not a validation" not in found.verdict
     seen = validate([first], models[:1], ValidateOptions(), [["first"]])
-    assert "this is no validation" in seen.verdict
+    assert "this is not a validation" in seen.verdict
     half = experiment(torque[:800], name="half", motor_speed=motor[:800])
     beyond = validate([half, first], models[:1], ValidateOptions(), [["half"]])
     assert "extrapolation" in codes(beyond) and "extrapolation" not in codes(found)
@@ -287,7 +287,7 @@ def test_a_ranking_that_depends_on_the_start_state_is_reported(errors, turned):
               for i, (fitted, begun) in enumerate(errors)]
     found = ranking_findings([*checks, replace(check, file="other.parquet")])
     assert [f.code for f in found] == ["ranking-depends-on-start"] * turned
-    assert not turned or "0.yaml errs least with a fitted start state and 1.yaml" in found[0].text
+    assert not turned or "0.yaml has the smallest error with a fitted start state and 1.yaml" in found[0].text
 
 
 def test_what_cannot_be_validated():
@@ -335,7 +335,7 @@ def test_exit_codes_and_files_at_the_command_line(tmp_path, monkeypatch, capfd):
     code, file, _ = call("-p", "good.yaml", "-p", "bad.yaml")
     assert code == 3 and [c["passed"] for c in file["checks"]] == [True, False]
     code, file, talk = call("-p", "seen.yaml")
-    assert code == 0 and "not-held-out" in talk and "no validation" in file["verdict"]
+    assert code == 0 and "not-held-out" in talk and "not a validation" in file["verdict"]
     assert call("-p", "seen.yaml", "--strict")[0] == 3
     for condition, said in (("keep from=4", False), ("keep from=1 to=2", False), ("keep from=3.5", True)):
         talk = call("-p", "part.yaml", "--condition", condition)[2]

@@ -81,7 +81,7 @@ def test_a_drag_that_the_model_lacks_shows_with_its_size(hertz):
     found = validated(record)
     angle, speed = found.checks
     assert angle.rmse_counts > 5.0 and "coast-down-not-explained" in codes(found)
-    assert f"coast-{hertz}.parquet shows another friction" in found.verdict
+    assert f"the friction of coast-{hertz}.parquet differs" in found.verdict
     true, _ = motion(DRAG, lambda t: 0.0, TOP * hertz / 40, 80 * RPM, 5.0)[::-1]
     from_same = motion(PAPER, lambda t: 0.0, TOP * hertz / 40, 0.0, len(true) * STEP)[1][:len(true)]
     apart = float(np.sqrt(np.mean((from_same - true) ** 2)))

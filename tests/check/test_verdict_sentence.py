@@ -49,12 +49,12 @@ def test_the_suspicion_is_reported_with_its_size_and_the_deciding_experiment():
 def test_part_of_an_answer_is_reported_as_such():
     between = ("asymmetric-friction", "torque-ripple", UNLISTED)
     text = sentence_of("undetermined", (("outliers",), between, between[:2]), "", gain(27.0, 10.5), 0.01,
-                       doubt="44 % of what could be explained is left")
-    assert text.startswith("The record is at fault: single wrong values (outliers). Beside that the simulation "
+                       doubt="44 % of the explainable residual remains")
+    assert text.startswith("The record is at fault: single wrong values (outliers). In addition, the model "
                            "lacks friction that depends on the direction (asymmetric-friction) and torque ripple "
-                           "of the motor (torque-ripple), or something in no catalogue")
-    assert text.endswith("to 0.21 rad/s, but 44 % of what could be explained is left.") and UNLISTED not in text
-    assert "at other levels" in experiment_of(between, "undetermined", doubt="44 %")
+                           "of the motor (torque-ripple), or an effect outside the catalogue")
+    assert text.endswith("to 0.21 rad/s, but 44 % of the explainable residual remains.") and UNLISTED not in text
+    assert "at other speeds and torques" in experiment_of(between, "undetermined", doubt="44 %")
     text = sentence_of("undetermined", ((), ("backlash", "coulomb-load", UNLISTED), ("backlash",)), "",
                        gain(27.0, 10.5), 0.01, doubt="44 % is left")
     assert "lacks backlash (or dry friction at the load (coulomb-load) in place of one of them), or" in text
@@ -62,7 +62,8 @@ def test_part_of_an_answer_is_reported_as_such():
 
 def test_a_cause_that_was_not_requested_is_reported():
     text = sentence_of("unexplained", ((), (), ()), "coulomb-load", gain(27.0, 27.0), 0.01)
-    assert text.endswith("none of the candidates explains; dry friction at the load (coulomb-load) would.")
+    assert text.endswith("candidates explains; dry friction at the load (coulomb-load), which was not requested, "
+                         "explains it.")
     named = sentence_of("named", (("backlash",), (), ("backlash",)), "", gain(27.0, 7.0), 0.01)
     assert "lacks backlash" in named and "7 times the sensor's own noise" in named
     assert "torque noise of 1 % of the torque's standard deviation" in named
@@ -70,7 +71,7 @@ def test_a_cause_that_was_not_requested_is_reported():
 
 def test_causes_of_the_base_are_reported_where_nothing_else_is_found():
     text = sentence_of("nothing-found", ((), (), ()), "", gain(1.0, 1.0), 0.01, in_base=("coulomb-motor",))
-    assert text.endswith("The drive it was given has dry friction at the motor (coulomb-motor) already.")
+    assert text.endswith("The base model already contains dry friction at the motor (coulomb-motor).")
 
 
 @pytest.mark.parametrize(("size", "had"), [(0.01, ["coulomb-motor"]), (1e-4, [])])
@@ -84,7 +85,7 @@ def test_the_base_has_a_cause_if_its_size_is_significant(size, had):
 
 
 def test_a_channel_is_to_be_mended_not_recorded_again():
-    assert "Mend the channel" in experiment_of((), "named", laws=False)
+    assert "Correct the channel" in experiment_of((), "named", laws=False)
     assert "fresh record" in experiment_of((), "named")
 
 
@@ -98,7 +99,7 @@ def test_only_missing_sensors_are_requested(shafts, logged, ends):
 
 
 @pytest.mark.parametrize(("met", "said"), [
-    (0.7, "half of the record predicts"), (7.0, "attributes it to torque noise")])
+    (0.7, "half of the record is too short"), (7.0, "attributes it to torque noise")])
 def test_an_error_of_free_runs_is_put_down_to_noise_or_to_half_a_record(met, said):
     codes = (("imbalance",), (), ("imbalance",))
     assert said in sentence_of("named", codes, "", gain(27.0, 7.0), 0.01, met * NOISE)
@@ -107,17 +108,17 @@ def test_an_error_of_free_runs_is_put_down_to_noise_or_to_half_a_record(met, sai
 @pytest.mark.parametrize(("causes", "found", "begins"), [
     (("outliers",), (), "The record is at fault, not the simulation: single wrong values (outliers)."),
     (("wrong-sign", "backlash"), ("backlash",), "The record is at fault: a channel with the wrong sign "
-     "(wrong-sign). Beside that the simulation lacks backlash. Without it the simulated speed is off by 0.54"),
-    (("load-step",), ("load-step",), "The simulation lacks a load that set in or ended during the record "
-     "(load-step). Without it the simulated speed is off by 0.54 rad/s over data held out, with it by 0.04 rad/s")])
+     "(wrong-sign). In addition, the model lacks backlash. Without it the simulated speed has an rms error of "),
+    (("load-step",), ("load-step",), "The model lacks a load that set in or ended during the record (load-step). "
+     "Without it the simulated speed has an rms error of 0.54 rad/s on held-out data, with it of 0.04 rad/s")])
 def test_a_fault_of_the_record_is_not_one_of_the_simulation(causes, found, begins):
     text = sentence_of("named", (causes, (), found), "", gain(27.0, 2.0), 0.01)
     assert text.startswith(begins) and ("free runs" in text) == bool(found)
 
 
 @pytest.mark.parametrize(("faults", "severity", "text"), [
-    ((), "warning", "No cause in the catalogue explains"),
-    (("quantisation",), "note", "as quantisation makes them")])
+    ((), "warning", "No cause of the catalogue explains"),
+    (("quantisation",), "note", "quantisation explains this")])
 def test_no_diagnosis_sends_the_user_to_a_diagnosis(faults, severity, text):
     told = correlated_errors_finding([Fault(code, CORRELATED) for code in faults])
     assert told.severity == severity and text in f"{told.text} {told.action}" and "diagnose" not in told.action

@@ -93,7 +93,7 @@ def test_a_model_with_its_scale_on_run_downs_and_ratios_on_a_record_under_torque
 def test_the_record_of_the_fit_is_no_validation(coast, call):
     content = written(call, "validate", "run40.parquet", "--params", coast)
     assert "not-held-out" in [f["code"] for f in content["findings"]]
-    assert content["verdict"].endswith("this is no validation.")
+    assert content["verdict"].endswith("this is not a validation.")
 
 
 def test_start_values_beside_ratios_are_no_model(here, call):

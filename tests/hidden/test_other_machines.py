@@ -36,7 +36,7 @@ def test_a_record_held_out_that_was_made_with_other_friction_is_told_and_no_caus
     assert all(n.endswith("viscous") for n in names) and "other.parquet" in told["text"], told
     more = sum(told["evidence"][f"{n}.held_out"] - told["evidence"][f"{n}.fitted"] for n in names)
     assert more == pytest.approx(0.4 * sum(machine.viscous), rel=0.1)
-    assert content["diagnosis"]["sentence"].startswith("The records differ")
+    assert content["diagnosis"]["sentence"].startswith("The parameters differ")
 
 
 @pytest.mark.slow

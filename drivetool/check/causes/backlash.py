@@ -48,7 +48,7 @@ def _wider_than_travel(model: Model, base: Model) -> str:
     """Whether the gap is wider than the travel: then the shaft never transmits torque."""
     wide = any(2.0 * v > travel(base) / gear_ratio(base, n.partition(".")[0])
                for n, v in new_values(model, base, ".half_gap"))
-    return "no motion of the record would cross the gap" if wide else ""
+    return "the motion of the record is too small to cross the gap" if wide else ""
 
 
 def _trace(base: Model) -> Start:
@@ -65,7 +65,7 @@ def _ends(base: Model, masks: Masks) -> Sequence[Model]:
 
 CAUSES = (Cause(
     "backlash", "backlash",
-    "There is play in the drive train: whenever the shaft torque changes its sign, the shaft turns through a gap "
+    "There is play in the drive train. Whenever the shaft torque changes its sign, the shaft turns through a gap "
     "without carrying torque and then hits the other side.",
     "Look for worn couplings, gear teeth, splines and keys.", "backlash", starts=_starts, imposed=_starts_imposed,
     sizes=("half_gap",), bodies=2, implausible=_wider_than_travel, trace=_trace, multimodal=True, ends=_ends),)

@@ -17,6 +17,6 @@ def _starts(base: Model) -> list[Start]:
 
 CAUSES = (Cause(
     "quadratic-drag", "drag that grows with the square of speed",
-    "Something throws a fluid about: the torque it takes grows with the square of the speed.",
+    "A rotating part accelerates a fluid (air or oil): its drag torque grows with the square of the speed.",
     "Look at fans and at the oil level of the gearbox.", "quadratic-drag", starts=_starts, imposed=_starts,
     sizes=("drag",), power=3),)

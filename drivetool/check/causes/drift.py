@@ -70,5 +70,6 @@ CAUSES = (Cause(
     "Warm up first, or record until nothing changes.", "friction-drift", starts=_starts, imposed=_starts,
     sizes=("drift_coulomb", "drift_viscous", "drift_time"), further=("warm-up",), bounds=_bounds,
     implausible=_time_constant_at_bound, located=(TIME_SUFFIX,), searched=(TIME_SUFFIX,), event=True,
-    alike={"load-step": "Repeat the record warm: a drift is gone, a load step is not where it was.",
+    alike={"load-step": "Repeat the record warm: a warm-up drift then disappears, and a load step occurs at "
+                        "another time.",
            "quadratic-drag": "Repeat the record warm and at several speeds."}),)

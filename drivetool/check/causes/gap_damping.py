@@ -28,5 +28,5 @@ CAUSES = (Cause(
     "damping-in-gap", "damping in the gap",
     "While the shaft turns through its gap without contact, something still damps it: oil between the flanks, or a "
     "damper around the play.",
-    "Keep shaft.gap_damping in the parameters; a gap that is damped hits less hard than one that is not.",
+    "Keep shaft.gap_damping in the parameters; a damped gap gives smaller impacts.",
     "damping-in-gap", starts=_starts, sizes=("gap_damping",), bodies=2),)

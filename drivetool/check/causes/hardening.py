@@ -31,5 +31,5 @@ CAUSES = (Cause(
     "The shaft or coupling gets stiffer the more torque it carries, or softer where its hardening is below zero, "
     "so the resonance moves with the load.", "Tune for the whole range of the resonance.", "hardening-stiffness",
     starts=_starts, imposed=_starts, sizes=("hardening", "hardening_twist", "hardening_power"), bodies=2,
-    alike={"backlash": "Record torque steps at several preloads: a preload closes a gap, hardening goes on raising "
-                       "the resonance."}),)
+    alike={"backlash": "Record torque steps at several preloads: with preload a gap stays closed; with hardening "
+                       "the resonance keeps rising."}),)

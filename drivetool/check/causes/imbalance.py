@@ -20,6 +20,7 @@ def _starts(base: Model) -> list[Start]:
 
 
 CAUSES = (Cause(
-    "imbalance", "imbalance", "A weight off the axis of the load is lifted and falls once per turn.",
-    "Balance the load, or take the weight into the feed-forward.", "imbalance", starts=_starts, imposed=_starts,
-    sizes=("imbalance_sine", "imbalance_cosine")),)
+    "imbalance", "imbalance",
+    "An unbalanced mass of the load causes a gravity torque that varies once per turn.",
+    "Balance the load, or include the gravity torque in the feed-forward.", "imbalance", starts=_starts,
+    imposed=_starts, sizes=("imbalance_sine", "imbalance_cosine")),)

@@ -72,13 +72,13 @@ def _of_first_order(task: Task, bandwidth: str, order: str, damping: str) -> Tas
 SIZES = ("bandwidth", "damping", "order")
 CAUSES = (
     Cause("converter-lag", "lag of the torque",
-          "The torque follows the logged command with a lag: the current loop is slower than the model took it to "
-          "be.",
+          "The torque follows the logged command with a lag: the current loop is slower than the model "
+          "assumes.",
           "Look at the tuning of the current loop; log the actual torque too.", "converter-lag",
           starts=_starts("converter", ""), sizes=SIZES, response=("speed-filter",), trace=_trace("converter"),
           bounds=lag_bounds, implausible=too_short_to_detect, refined=_with_damping_fitted("converter")),
     Cause("speed-filter", "a filter on the logged speed",
-          "The logged speed went through a low-pass: the drive itself is faster than its log.",
+          "The logged speed is low-pass filtered: the drive itself responds faster.",
           "Log the speed before the filter, or the angle.", "speed-filter", starts=_starts("sensor", "motor_speed"),
           sizes=SIZES, response=("converter-lag",), trace=_trace("sensor"), bounds=lag_bounds,
           implausible=too_short_to_detect, refined=_with_damping_fitted("sensor"),

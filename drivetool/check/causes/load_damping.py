@@ -18,6 +18,6 @@ def _starts(base: Model) -> list[Start]:
 
 CAUSES = (Cause(
     "load-dependent-damping", "damping that grows with load",
-    "Vibrations of the shaft die out faster the more torque it carries.",
+    "Vibrations of the shaft decay faster under higher torque.",
     "Tune for the unloaded shaft, where the vibration lasts longest.", "load-dependent-damping", starts=_starts,
     imposed=_starts, sizes=("load_damping",), bodies=2),)

@@ -112,8 +112,8 @@ def _in_order(model: Model) -> Model:
 
 CAUSES = (Cause(
     "load-step", "a load that set in or ended during the record",
-    "At one instant of the record, or at several, a load torque set in or ended.",
-    "Ask what happened at that time, or leave that part out.", "load-step", starts=_starts,
+    "A load torque set in or ended at one or several instants of the record.",
+    "Find out what happened at that time, or leave that part out.", "load-step", starts=_starts,
     sizes=tuple(name[1:] for pair in zip(STEP_TORQUES, STEP_TIMES, strict=True) for name in pair),
     implausible=_near_record_end, place=".step_time", located=STEP_TIMES, searched=STEP_TIMES, event=True,
     refined=_without_insignificant_steps, another=_with_further_step,

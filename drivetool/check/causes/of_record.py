@@ -4,9 +4,9 @@ from drivetool.check.causes.cause import Cause
 
 TWO_CHANNELS = "two channels of one motion: speed and angle, motor and load, or shaft and motor torque"
 CAUSES = (
-    Cause("outliers", "single wrong values", "A few samples are far from everything around them.",
+    Cause("outliers", "single wrong values", "A few samples lie far from their neighbours.",
           "Look for loose plugs and for disturbances on the sensor's line.", sizes=("count",),
-          needs="nothing more than the samples around them"),
+          needs="no special excitation"),
     Cause("quantisation", "coarse steps in a sensor", "A sensor is logged in steps coarser than its noise.",
           "Log it with more digits, or log the angle instead of the speed.", sizes=("resolution",),
           needs="slow motion or standstill"),

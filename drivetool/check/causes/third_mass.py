@@ -70,8 +70,8 @@ def _absent(_: Model) -> tuple[State, str]:
 
 CAUSES = (Cause(
     "third-mass", "a further elastic mass",
-    "Part of the load swings on a shaft or coupling of its own: there is one resonance more than the model had.",
-    "Look for the next coupling or a soft mounting; a sensor at the load shows it best.", of="the chain",
-    law="a further inertia behind a further shaft", absent=_absent,
+    "Part of the load is connected by a further elastic shaft or coupling: the drive has one more resonance than "
+    "the model.", "Look for the next coupling or a soft mounting; a sensor at the load identifies it best.",
+    of="the chain", law="a further inertia behind a further shaft", absent=_absent,
     starts=_starts, costly=True, sizes=("inertia", "stiffness", "damping"), bodies=2, bounds=_bounds,
-    needs="excitation around its resonance; a sensor at the load shows it best"),)
+    needs="excitation around its resonance; a sensor at the load identifies it best"),)

@@ -25,8 +25,8 @@ def _starts(base: Model) -> list[Start]:
 
 
 CAUSES = (Cause(
-    "torque-hold", "torque logged as it passes",
-    "The logged torque is no step that is held until the next sample: between its samples it goes on towards the "
-    "next one, so it acts up to half a sample earlier than a held one.",
-    "Keep converter.interpolation in the parameters, and say torque_is: measurement in the channel map.",
+    "torque-hold", "torque interpolation between samples",
+    "The logged torque does not stay constant between samples but changes towards the next sample. It acts up to "
+    "half a sample earlier than a held torque.",
+    "Keep converter.interpolation in the parameters, and set torque_is: measurement in the channel map.",
     "torque-hold", starts=_starts, sizes=("interpolation",)),)

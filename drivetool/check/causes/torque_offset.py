@@ -23,7 +23,7 @@ def _starts(base: Model) -> list[Start]:
 
 
 def _absent(_: Model) -> tuple[State, str]:
-    return "in-the-model", "it acts as an idle torque does, which the base has free"
+    return "in-the-model", "it is equivalent to the idle torque, which is already free in the base"
 
 
 CAUSES = (Cause(

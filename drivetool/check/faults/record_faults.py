@@ -90,9 +90,9 @@ def encoder_step_findings(experiments: Sequence[Experiment]) -> list[Finding]:
     return [Finding(
         "note", "encoder-quantisation",
         f"{e.name}: the {role.replace('_', ' ')} has encoder steps of {step:.3g} {_channel_unit(e, role)}; "
-        f"quantisation is {100.0 * share:.0f} % of the variance of its noise, and no error of the model.",
+        f"quantisation is {100.0 * share:.0f} % of the variance of its noise; it is not a model error.",
         {"resolution": step, "share_of_noise": share},
-        "A finer encoder would show smaller effects.") for e in experiments
+        "A finer encoder makes smaller effects detectable.") for e in experiments
         for role, step, share, fine in _quantised_channels(e) if fine]
 
 
@@ -138,7 +138,7 @@ def _speed_against_angle(e: Experiment, wanted: Sequence[str]) -> tuple[Experime
         evidence = f" The torque agrees with the sign of the speed: the {body} angle has the wrong sign." * inverted
         faults.append(Fault(code, Finding(
             "warning", code,
-            f"{e.name}: the logged {body} speed is {factor:.4g} times the rate of the logged {body} angle."
+            f"{e.name}: the logged {body} speed is {factor:.4g} times the derivative of the logged {body} angle."
             f"{evidence}",
             {"factor": float(factor), "std": float(error)},
             "Correct sign, unit or scale of one of the two in the channel map.")))
@@ -164,7 +164,7 @@ def _load_against_motor(e: Experiment, wanted: Sequence[str], gear_ratio: float)
     fault = load_fault(e, code, factor, error, gear_ratio)
     if factor < 0.0 and torque_sign_t_value(e.signals, motor_roles[0], e.step, e.segments) < -SLOPE_SIGNIFICANCE:
         fault = replace(fault, finding=replace(
-            fault.finding, text=f"{fault.finding.text} The motor channel moves against its torque.",
+            fault.finding, text=f"{fault.finding.text} The motor motion has the opposite sign to its torque.",
             action="Invert the sign of the motor's channels, or of the torque, in the channel map."))
         e, factor = channels_divided(e, motor_roles, -1.0), -factor
     return load_divided(e, factor), [fault]
@@ -192,7 +192,7 @@ def load_fault(e: Experiment, code: str, factor: float, error: float, gear: floa
     here, there = motion_channels(e)
     return Fault(code, Finding(
         "warning", code,
-        f"{e.name}: the logged {there[0].replace('_', ' ')} is {factor:.4g} times the value from the "
+        f"{e.name}: the logged {there[0].replace('_', ' ')} is {factor:.4g} times the value computed from the "
         f"{here[0].replace('_', ' ')} and a gear ratio of {gear:.4g}.",
         {"factor": float(factor), "std": float(error), "gear": float(gear)},
         "Correct sign, unit or scale of the load's channel in the channel map, or the gear's ratio."),
@@ -207,8 +207,8 @@ def _delayed_speed(e: Experiment, wanted: Sequence[str]) -> list[Fault]:
         return []
     return [Fault("speed-filter", Finding(
         "note", "speed-filter",
-        f"{e.name}: the logged motor speed comes {1000.0 * delay.lag:.3g} ms after the rate of the logged motor "
-        "angle, as behind a low-pass.", {"lag": delay.lag, "std": delay.std},
+        f"{e.name}: the logged motor speed is {1000.0 * delay.lag:.3g} ms later than the derivative of the logged "
+        "motor angle, as if low-pass filtered.", {"lag": delay.lag, "std": delay.std},
         "Log the speed before its filter, or take the angle."), e.name, lag=delay.lag)]
 
 

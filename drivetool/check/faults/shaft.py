@@ -105,7 +105,7 @@ def scale_fault(factor: float, error: float) -> Fault:
     code = "wrong-sign" if factor < 0.0 and abs(abs(factor) - 1.0) < 0.3 else "wrong-scale"
     return Fault(code, Finding(
         "warning", code,
-        f"The logged shaft torque is {factor:.4g} times the shaft torque from the motor's torque and motion.",
+        f"The logged shaft torque is {factor:.4g} times the shaft torque computed from motor torque and motion.",
         {"factor": factor} | ({"std": error} if np.isfinite(error) else {}),
         "Correct sign, unit or scale of the shaft torque (or of the motor torque) in the channel map."),
         factor=factor, shaft=True)

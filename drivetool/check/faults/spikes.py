@@ -172,7 +172,8 @@ def without_model_outliers(model: Model, experiments: Sequence[Experiment],
                 signals[role] = signals[role].copy()
                 signals[role][k] = np.nan
                 sizes = float(size.max()), sensor_std(model, model.task.roles.outputs.index(role))
-                findings.append(_outlier_finding(e, role, k, sizes, "contradict the model"))
+                findings.append(_outlier_finding(
+                    e, role, k, sizes, "deviate significantly from the one-step prediction"))
         found.append(replace(e, signals=signals))
     return tuple(found), findings
 

@@ -147,12 +147,13 @@ def _best_candidates(best: Model, held: Model, changed: Sequence[str]) -> list[s
 
 
 def change_clause(change: Change, model: Model) -> str:
-    """The values that the held-out records need, in one clause."""
+    """The values with which the held-out records fit best, in one clause."""
     drive = model.task.drive
     each = [f"{n} {after:.{_distinguishing_digits(before, after)}g} instead of "
             f"{before:.{_distinguishing_digits(before, after)}g} "
             f"{drive.unit(n)}".rstrip() for n, (before, after) in change.values.items()]
-    return f"{' and '.join(change.records)} needs {', '.join(each)}, all other values held"
+    return (f"{' and '.join(change.records)} {'fits' if len(change.records) == 1 else 'fit'} best with "
+            f"{', '.join(each)}, all other values held")
 
 
 def _distinguishing_digits(one: float, other: float) -> int:
@@ -163,20 +164,21 @@ def _distinguishing_digits(one: float, other: float) -> int:
 def records_differ_text(change: Change, model: Model) -> str:
     """The outcome of a diagnosis that found nothing else."""
     if change.described:
-        return (f"The records differ from one another: {change_clause(change, model)}. With values of its own the "
-                "drive describes it, and the other records identify no cause in the catalogue.")
-    return (f"Something is missing that no cause in the catalogue explains, and the records differ: "
-            f"{change_clause(change, model)}.")
+        return (f"The parameters differ between the records: {change_clause(change, model)}. With these values the "
+                "model describes the held-out data, and the other records identify no cause of the catalogue.")
+    return (f"The model lacks an effect that no cause of the catalogue explains, and the parameters differ between "
+            f"the records: {change_clause(change, model)}.")
 
 
 def finding_of(change: Change, model: Model) -> Finding:
     """The same as a finding."""
-    rest = " With values of its own the drive describes it; it was left out." if change.described else ""
+    rest = (" With these values the model describes the held-out data, which are left out."
+            if change.described else "")
     evidence = {f"{n}.{what}": value for n, (before, after) in change.values.items()
                 for what, value in (("fitted", before), ("held_out", after))}
     return Finding(
         "warning", "parameters-change", f"{change_clause(change, model)}.{rest}",
         {**evidence, "log_likelihood": change.gained},
-        "If the machine was warmer, worn or set up otherwise, fit each record by itself, and hold out one that was "
-        "made under the conditions of the others. If it ran in another range, give it with the others: a law may "
-        "be missing.")
+        "If the machine was warmer, worn or set up differently, fit each record separately. Hold out one that was "
+        "made under the conditions of the others. If it covers another range, include it in the fit: the model may "
+        "lack an effect.")

@@ -352,8 +352,8 @@ def _own_values(drive: Drive, records: Records) -> Finding:
     """The parameters that were fitted to held-out records."""
     values = {n: float(drive.values[n]) for n in records.own}
     words = ", ".join(f"{n} {v:.4g} {drive.unit(n)}".rstrip() for n, v in values.items())
-    return Finding("note", "held-out-own-values", f"Fitted to held-out records, all else fixed: {words}.",
-                   values)
+    return Finding("note", "held-out-own-values",
+                   f"These parameters were fitted to the held-out records, all others held: {words}.", values)
 
 
 def _estimate(task: Task, before: Drive, roles: Roles, options: DiagnoseOptions, records: Records) -> Estimate:

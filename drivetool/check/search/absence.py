@@ -10,7 +10,7 @@ from drivetool.drive.effects import EFFECTS, Effect
 
 
 def why_absent(cause: Cause, base: Model) -> tuple[State, str]:
-    """Why a cause has no starts: the model has it, or this drive or record cannot show it."""
+    """Why a cause has no starts: the model has it, or it is not identifiable here."""
     if cause.absent is not None:
         return cause.absent(base)
     effect, drive = _effect(cause), base.task.drive
@@ -24,7 +24,7 @@ def why_absent(cause: Cause, base: Model) -> tuple[State, str]:
 
 def needed(cause: Cause) -> str:
     """What a record must contain to identify a cause, after one that does not."""
-    return f"this drive or record cannot show it; needed: {needs_of(cause)}"
+    return f"it is not identifiable from this drive or record; needed: {needs_of(cause)}"
 
 
 def needs_of(cause: Cause) -> str:

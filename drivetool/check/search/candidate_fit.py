@@ -92,7 +92,7 @@ def screen(cause: Cause, references: Sequence[ReferenceModel], masks: Masks) -> 
         try:
             starts = cause.starts(reference.model)
         except FIT_ERRORS as error:
-            reason = f"no start for its fit: {error}"
+            reason = f"no start values for its fit: {error}"
             continue
         each = []
         for start in starts:

@@ -60,7 +60,7 @@ def _event_records(model: Model) -> str:
     """Which records contain a single event, if there are others."""
     numbers = {v for n, v in model.task.drive.values.items() if n.endswith(STEP_RECORDS) and v > 0.0}
     names = dict.fromkeys(t.name for t in model.problem.traces if t.record in numbers)
-    return f"Only {', '.join(names)} has it." if names else ""
+    return f"The event is in {', '.join(names)} only." if names else ""
 
 
 def _detectable_sizes(resolved: Mapping[str, float], shortest: float) -> dict[str, float]:
@@ -72,8 +72,8 @@ def _detectable_sizes(resolved: Mapping[str, float], shortest: float) -> dict[st
 def _untested_state(t: CandidateFit, gain: float, largest_gain: float) -> tuple[State, str]:
     """State and reason of a cause that was not tested on held-out data."""
     if gain > MIN_TESTABLE_GAIN:
-        return "worse", (f"on the records it is fitted to it gains {gain:.0f} of log likelihood, the likeliest "
-                         f"cause {largest_gain:.0f}")
+        return "worse", (f"on the fitted records it gains {gain:.0f} of log likelihood; the likeliest cause gains "
+                         f"{largest_gain:.0f}")
     if t.smallest and all(not np.isfinite(v) for v in t.smallest.values()):
         return "not-shown", needed(t.cause)
     if t.model is None:

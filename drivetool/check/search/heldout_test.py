@@ -21,7 +21,7 @@ MINOR_GAIN_SHARE = 0.2
 MAX_ERROR_RATIO = 2.0
 MAX_ERROR_RATIO_ANY_SCATTER = 10.0  # the same where few blocks make the scatter large; a choice
 WORSE_FREE_RUNS = "it worsens the free-run error on held-out data"
-ONE_PLACE = "nearly all of its gain on held-out data lies in one place"
+ONE_PLACE = "nearly all of its gain on held-out data comes from one block"
 # Share of a cause's gain on simulated records of the base with the same quantisation. A choice: at more than half,
 # quantisation explains the gain better than the cause does.
 MAX_QUANTISATION_SHARE = 0.5

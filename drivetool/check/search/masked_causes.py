@@ -30,7 +30,7 @@ MAX_BODIES_OF_PAIR_SEARCH = 2  # with three, fits of a gap take minutes
 MIN_ERROR_TO_NOISE = 1.5  # free-run error over sensor noise. A choice: below, noise alone explains the error
 # Log likelihood. A choice: so large because the error budget does not count the chances of the second search.
 MIN_JOINT_LEAD = 20.0
-JOINT_REASON = "not identifiable alone; found together with the cause of the next round"
+JOINT_REASON = "not significant alone; found jointly with the cause of the next round"
 
 
 def doubtful(result: SearchResult) -> bool:

@@ -147,4 +147,4 @@ def too_short_to_detect(model: Model, base: Model) -> str:
     """Whether a lag is at its lower bound: then the gain comes from the other parameters."""
     high = dict(zip(model.task.free, model.problem.high, strict=True))
     short = any(v > 0.99 * high[n] for n, v in new_values(model, base, ".bandwidth"))
-    return "it would be too short to be detectable" if short else ""
+    return "its time constant would be too short to be identifiable" if short else ""

@@ -144,9 +144,9 @@ def _rms(values: np.ndarray) -> float:
 def _ratios_finding(name: str) -> list[Finding]:
     """That no inertia is known, and none is needed."""
     return [Finding(
-        "note", "ratios-only", f"{name} has ratios to the inertia alone. It is simulated with an inertia "
+        "note", "ratios-only", f"{name} states only ratios to the inertia. It is simulated with an inertia "
         "of one, on which no coast-down depends; these figures do not test an inertia.", {},
-        "For a record under torque fit a coast-down with a known scale.")]
+        "To validate on a record with torque, fit a coast-down with a known scale.")]
 
 
 def _unexplained_findings(check: RecordCheck) -> list[Finding]:
@@ -158,13 +158,13 @@ def _unexplained_findings(check: RecordCheck) -> list[Finding]:
         return []
     times = check.rmse / check.sensor_rmse
     return [Finding(
-        "warning", "coast-down-not-explained", f"The simulated angle in {check.file} (model {check.model}) errs by "
-        f"{check.rmse:.3g} {check.unit}, {times:.4g} times the error by quantisation alone, and more than the "
-        "uncertainty of the model explains: this drive coasts down differently.",
+        "warning", "coast-down-not-explained", f"The simulated angle in {check.file} (model {check.model}) has an "
+        f"rms error of {check.rmse:.3g} {check.unit}, {times:.4g} times that of quantisation alone. It exceeds "
+        "what the uncertainty of the model explains: the friction differs from that of the model.",
         {"rmse": check.rmse, "rmse_counts": check.rmse_counts, "times": times,
          **({} if check.parameters_rmse is None else {"parameters_rmse": check.parameters_rmse})},
-        "Fit this record too (steady --method coast-down): it says whether the friction has changed "
-        "(scatter-beyond-noise) or follows another law (nonlinear-friction).")]
+        "Fit this record too (steady --method coast-down): that fit decides between a changed "
+        "friction (scatter-beyond-noise) and another friction law (nonlinear-friction).")]
 
 
 def _plot(e: Experiment, runs: Sequence[CoastDownComparison], check: RecordCheck) -> PlotData:
@@ -172,7 +172,7 @@ def _plot(e: Experiment, runs: Sequence[CoastDownComparison], check: RecordCheck
     time = np.concatenate([r.time for r in runs])
     y, s = (np.concatenate([getattr(r.speed, part) for r in runs]) for part in ("measured", "simulated"))
     return PlotData(
-        "record", f"{check.file}, model {check.model}: run-down, fit "
+        "record", f"{check.file}, model {check.model}: coast-down, fit "
         f"{fit_text(check.simulation_fit_percent, '.4f')}", "time [s]", f"motor speed [{check.unit}]",
         {"measured": (time, y), "simulated": (time, s), "residual": (time, y - s)})
 
@@ -192,8 +192,10 @@ def _verdict(checks: Sequence[RecordCheck], unseen: bool) -> str:
     rpm = f" ({worst.rmse * RPM_PER_RAD_S:.3g} rpm)" if worst.unit == "rad/s" else ""
     figures += (f"speed rmse {worst.rmse:.3g} {worst.unit}{rpm}, {100.0 * worst.nrmse:.2g} % of the range and "
                 f"{100.0 * (worst.nrmse_mean or np.nan):.2g} % of the mean, R2 {worst.r2:.6f}")
-    start = f"Not passed: {len(missed)} of {len(checks)} checks miss a bar; worst, " if missed else (
-        "Passed: " if len(speeds) == 1 else f"Passed on all {len(speeds)} records; worst, ")
+    start = f"Not passed: {len(missed)} of {len(checks)} checks miss their limit; worst: " if missed else (
+        "Passed: " if len(speeds) == 1 else f"Passed on all {len(speeds)} records; worst: ")
     differing = {c.file for c in checks if _unexplained_findings(c)}
-    figures += f", but {', '.join(sorted(differing))} shows another friction than the model's" if differing else ""
-    return start + figures + ("." if unseen else "; but the fit has seen every record, so this is no validation.")
+    figures += (f", but the friction of {', '.join(sorted(differing))} differs from that of the model"
+                if differing else "")
+    return start + figures + (
+        "." if unseen else "; but every record was used for the fit, so this is not a validation.")

@@ -40,11 +40,12 @@ def drift_findings(experiment: Experiment, drive: Drive, run: Replay, check: Rec
             return [Finding(
                 "warning", "simulation-drifts",
                 f"In a free run by {check.model} the {check.output.replace('_', ' ')} of {check.file} drifts "
-                f"away by {abs(slope) * time:.3g} {check.unit} in {time:.3g} s, as an idle torque "
-                f"{abs(torque):.2g} {experiment.torque_unit} too {'low' if torque > 0.0 else 'high'} does, "
-                "or a wrong inertia under a torque of one direction.",
+                f"away by {abs(slope) * time:.3g} {check.unit} in {time:.3g} s. An idle torque that is "
+                f"{abs(torque):.2g} {experiment.torque_unit} too {'low' if torque > 0.0 else 'high'} explains "
+                "this; so does a wrong inertia if the torque does not change sign.",
                 {"drift": float(slope) * time, "torque": torque, "share_of_residual": float(share)},
-                "Check friction and idle torque (steady), and whether the load was the same.")]
+                "Check friction and idle torque (steady), and whether the load was the same as in the fitted "
+                "recording.")]
     return []
 
 
@@ -73,10 +74,10 @@ def noise_limit_findings(run: Replay, check: RecordCheck, limit: float, seed: in
         return []
     return [Finding(
         "note", "free-run-noise-limited",
-        f"With the torque noise of {check.model} a free run over {check.file} cannot be predicted: a true "
-        f"model explains about {middle:.0f} % of it, {low:.0f} % at worst; this one explains {fit:.0f} %.",
+        f"The torque noise of {check.model} limits a free run over {check.file}: a true model reaches a fit of "
+        f"about {middle:.0f} %, {low:.0f} % at worst; this model reaches {fit:.0f} %.",
         {"simulation_fit_percent": fit, "attainable_fit_median": middle, "attainable_fit_low": low},
-        "Judge by the residual, or by shorter free runs: --segment 1.")]
+        "Assess the model by its residual, or by shorter free runs: --segment 1.")]
 
 
 def _drift_torque_std(run: Replay, inertia: float, n: int, time: float) -> float:

@@ -27,8 +27,8 @@ def record_findings(experiment: Experiment, experiments: Sequence[Experiment], f
     if experiment.sha256 in fitted_on:
         return [Finding(
             "warning", "not-held-out",
-            f"{check.file} was used for the fit of {check.model}: this is no validation.", {},
-            "Give a recording that the fit has not seen.")]
+            f"{check.file} was used for the fit of {check.model}; this is not a validation.", {},
+            "Validate on a recording that was not fitted.")]
     fitted = [e for e in experiments if e.sha256 in fitted_on]
     found = []
     for role in ("motor_torque", "motor_speed"):
@@ -64,9 +64,9 @@ def residual_findings(check: RecordCheck, correlation: Correlation | None, optio
     if check.max_correlation > options.max_correlation:
         found.append(Finding(
             "failure", "limit-missed",
-            f"The residual of {where} correlates with the torque by {check.max_correlation:.2g}; the limit "
+            f"The residual of {where} has a correlation of {check.max_correlation:.2g} with the torque; the limit "
             f"is {options.max_correlation:g}." + (
-                " In a record this short chance alone may do that." if chance else ""),
+                " In such a short record this can occur by chance." if chance else ""),
             {**evidence, "limit": options.max_correlation, "chance": correlation.chance},
             "Record longer." if chance else "Run diagnose."))
     if check.correlation_p < DEPENDENCE_SIGNIFICANCE:
@@ -83,26 +83,26 @@ def depends_on_torque(check: RecordCheck, options: ValidateOptions) -> bool:
 
 
 def fit_findings(check: RecordCheck, options: ValidateOptions,
-           less: str = "A free run explains less of") -> list[Finding]:
-    """A fit below its limit, or without a limit below zero; less: subject of "explains less than a constant"."""
+           subject: str = "A free run fits") -> list[Finding]:
+    """A fit below its limit, or without a limit below zero; subject: of "fits worse than its mean"."""
     explained, found = _fit_text(check), []
     if options.min_fit is not None and not check.simulation_fit_percent >= options.min_fit:
         found.append(Finding(
             "failure", "limit-missed",
-            f"{explained[0].upper()}{explained[1:]}; {options.min_fit:g} % were required.",
+            f"{explained[0].upper()}{explained[1:]}; the required fit is {options.min_fit:g} %.",
             {"simulation_fit_percent": check.simulation_fit_percent, "min_fit": options.min_fit},
             "Look at the pictures (--plot), then run diagnose."))
     if options.min_fit is None and check.simulation_fit_percent < 0.0:
         found.append(Finding(
             "failure", "explains-nothing",
-            f"{less} {_output_text(check)} than a constant does (fit {check.simulation_fit_percent:.4g} %).",
+            f"{subject} {_output_text(check)} worse than its mean does (fit {check.simulation_fit_percent:.4g} %).",
             {"simulation_fit_percent": check.simulation_fit_percent},
             "Run diagnose, or validate on a record with more motion or by shorter free runs: --segment 1."))
     return found
 
 
 def ranking_findings(checks: Sequence[RecordCheck]) -> list[Finding]:
-    """A finding where one model errs least with a fitted start state, and another from the measured one."""
+    """A finding where the model with the smallest error depends on the start state: fitted or measured."""
     found = []
     for file, output in dict.fromkeys((c.file, c.output) for c in checks):
         mine = [(c, c.measured_start_rmse) for c in checks
@@ -114,8 +114,8 @@ def ranking_findings(checks: Sequence[RecordCheck]) -> list[Finding]:
         if from_measured.rmse > CLEAR_RMSE_RATIO * fitted.rmse and measured_rmse > CLEAR_RMSE_RATIO * least:
             found.append(Finding(
                 "note", "ranking-depends-on-start",
-                f"Of the {output.replace('_', ' ')} in {file}, {fitted.model} errs least with a fitted start state "
-                f"and {from_measured.model} from the measured one.",
+                f"For the {output.replace('_', ' ')} in {file}, {fitted.model} has the smallest error with a "
+                f"fitted start state and {from_measured.model} with the measured one.",
                 {"fitted_start_rmse": fitted.rmse, "measured_start_rmse": least},
                 "Compare by shorter free runs, --segment 1, or state how the recording begins with --start."))
     return found
@@ -134,16 +134,16 @@ def verdict(checks: Sequence[RecordCheck], options: ValidateOptions, unseen: boo
     worst = min(reported, key=lambda c: (np.nan_to_num(c.simulation_fit_percent, nan=-np.inf),
                                       -np.nan_to_num(c.max_correlation)))
     figures = (f"{_fit_text(worst)} with rmse {worst.rmse:.3g} {worst.unit}" + (
-                   ", as much as the torque noise allows" if worst in limited else ""))
+                   " (limited by the torque noise)" if worst in limited else ""))
     if missed:
-        start = f"Not passed: {len(missed)} of {len(checks)} checks miss a bar; worst, {figures}"
+        start = f"Not passed: {len(missed)} of {len(checks)} checks miss their limit; worst: {figures}"
         if len(checks) == 1:
             start = f"Not passed: {figures}"
         if worst.max_correlation > options.max_correlation:
-            start += (", and the residual follows the torque "
+            start += (", and the residual correlates with the torque "
                       f"(correlation {worst.max_correlation:.2g}, limit {options.max_correlation:g})")
     else:
-        all_of = f" all {len(checks)} checks; worst, " if len(checks) > 1 else ": "
+        all_of = f" all {len(checks)} checks; worst: " if len(checks) > 1 else ": "
         start = f"Passed{all_of}{figures}"
         start += "" if options.min_fit is None else f", at least {options.min_fit:g} % required"
         dependent = [c for c in checks if c.correlation_p < DEPENDENCE_SIGNIFICANCE]
@@ -152,10 +152,10 @@ def verdict(checks: Sequence[RecordCheck], options: ValidateOptions, unseen: boo
             some = f" in {len(dependent)} of them" if len(checks) > 1 else ""
             start += f", but the residual still depends on the torque{some}: run diagnose"
         elif len(exact) == len(checks):
-            start += ": the model explains everything to rounding"
+            start += ": the residual is at rounding level"
         elif tested:
             start += ", and the residual does not depend on the torque"
-    return start + ("." if unseen else "; but the fit has seen every record, so this is no validation.")
+    return start + ("." if unseen else "; but every record was used for the fit, so this is not a validation.")
 
 
 def _fit_text(check: RecordCheck) -> str:

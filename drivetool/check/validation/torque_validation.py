@@ -33,7 +33,7 @@ def validate_torque(experiments: Sequence[Experiment], models: Sequence[tuple[st
         raise NotEnoughData("at least one recording and one model", f"{len(experiments)} and {len(models)}",
                             "Name a log file, and a parameter file after --params.")
     if options.start != KnownStart() or options.segment:
-        raise BadOption("free runs for --start and --segment", "--criterion inverse, which makes none",
+        raise BadOption("free runs for --start and --segment", "--criterion inverse, which simulates no free runs",
                         "Leave them out, or --criterion.")
     seen = [frozenset(hashes) for hashes in fitted_on] or [frozenset()] * len(models)
     files, names = number_duplicates([e.name for e in experiments]), number_duplicates([name for name, _ in models])
@@ -48,7 +48,7 @@ def validate_torque(experiments: Sequence[Experiment], models: Sequence[tuple[st
             checks.append(check)
             exhibits.append(picture)
             findings += remarks.record_findings(e, experiments, hashes, check)
-            findings += remarks.fit_findings(check, options, "The motion explains less of")
+            findings += remarks.fit_findings(check, options, "The required torque fits")
     unseen = any(e.sha256 not in hashes for hashes in seen for e in experiments)
     return Validation(tuple(checks), _verdict(checks, unseen), tuple(findings),
                       tuple(e.source for e in experiments), {}, tuple(exhibits))
@@ -60,14 +60,14 @@ def _check_record(name: str, file: str, e: Experiment, drive: Drive,
     q = regression_of([e], drive, (), roles.outputs[0], roles.inputs[1:]).with_motion()[0]
     if not q.used.any():
         raise NotEnoughData("samples in which the motor moves", f"none in {e.name}",
-                            "Record a motion that is no standstill.")
+                            "Record while the motor moves.")
     f, nan, value_range = torque_fit([q]), float("nan"), float(np.ptp(q.torque[q.used]))
     check = RecordCheck(
         name, file, "motor_torque", e.torque_unit, f.fit_percent, None, f.rmse,
         f.rmse / value_range if value_range else nan, 1.0 - f.over_sd**2, f.n, nan, nan, nan, nan, None,
         f.fit_percent >= (0.0 if options.min_fit is None else options.min_fit),  # a constant torque has no fit
         rmse_percent=100.0 * f.over_rms)
-    title = f"{file}, model {name}: torque that the motion asks for, fit {fit_text(f.fit_percent, '.1f')}"
+    title = f"{file}, model {name}: torque required by the motion, fit {fit_text(f.fit_percent, '.1f')}"
     return check, torque_picture(e, q, title)
 
 
@@ -75,8 +75,9 @@ def _verdict(checks: Sequence[RecordCheck], unseen: bool) -> str:
     missed = [c for c in checks if not c.passed]
     worst = min(missed or checks, key=lambda c: np.nan_to_num(c.simulation_fit_percent, nan=-np.inf))
     share = fit_text(worst.simulation_fit_percent)
-    figures = (f"the motion in {worst.file} explains {share} of the torque (model {worst.model}) "
-               f"and errs by {worst.rmse:.3g} {worst.unit}, {worst.rmse_percent:.3g} % of its rms")
-    start = f"Not passed: {len(missed)} of {len(checks)} checks miss a bar; worst, " if missed else (
-        "Passed: " if len(checks) == 1 else f"Passed all {len(checks)} checks; worst, ")
-    return start + figures + ("." if unseen else "; but the fit has seen every record, so this is no validation.")
+    figures = (f"the required torque in {worst.file} explains {share} of the logged torque (model {worst.model}) "
+               f"with an rms error of {worst.rmse:.3g} {worst.unit}, {worst.rmse_percent:.3g} % of its rms")
+    start = f"Not passed: {len(missed)} of {len(checks)} checks miss their limit; worst: " if missed else (
+        "Passed: " if len(checks) == 1 else f"Passed all {len(checks)} checks; worst: ")
+    return start + figures + (
+        "." if unseen else "; but every record was used for the fit, so this is not a validation.")

@@ -81,8 +81,8 @@ def correlated_errors_finding(faults: Sequence[Fault]) -> Finding:
     """The finding on correlated errors of the last fit: after a diagnosis it cannot recommend one."""
     if "quantisation" in {f.code for f in faults}:
         return Finding("note", "innovations-correlated",
-                       "One-step prediction errors are still correlated, as quantisation makes them.")
-    return replace(CORRELATED, action="No cause in the catalogue explains the residual.")
+                       "One-step prediction errors are still correlated; quantisation explains this.")
+    return replace(CORRELATED, action="No cause of the catalogue explains the residual.")
 
 
 def causes_in_base(rounds: Sequence[Round], estimate: Estimate) -> list[str]:
@@ -94,15 +94,15 @@ def causes_in_base(rounds: Sequence[Round], estimate: Estimate) -> list[str]:
 
 
 def change_findings(search: SearchResult) -> list[Finding]:
-    """A finding where the halves of the records need different parameters."""
+    """A finding where the halves of the records have different parameters."""
     if search.left.time <= MIN_UNEXPLAINED_GAIN:
         return []
     return [Finding(
         "warning", "parameters-change",
-        "The two halves of the records need different parameters: something changes during the recording, with "
-        "temperature or wear, say, or a law is missing that the halves excite differently.",
+        "The two halves of the records have different parameters. The drive changes during the recording, for "
+        "example with temperature or wear, or the model lacks an effect that the halves excite differently.",
         {"log_likelihood": float(search.left.time)},
-        "Fit halves by themselves to see which, and record after warming up.")]
+        "Fit each half separately to find the parameter that changes, and record after warming up.")]
 
 
 def _with_possible_cause(one: Round, code: str) -> Round:

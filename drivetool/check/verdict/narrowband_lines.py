@@ -126,8 +126,9 @@ def narrowband_findings(model: Model, unit: str) -> list[Finding]:
     lines: Sequence[NarrowbandLine] = find_narrowband_lines(model)
     if not lines:
         return []
-    listed = ", ".join(f"{line.frequency:.4g} Hz ({100.0 * line.share:.2g} %; in the sensor {line.rms:.2g} {unit})"
-                       for line in lines)
+    listed = ", ".join(
+        f"{line.frequency:.4g} Hz ({100.0 * line.share:.2g} %; rms {line.rms:.2g} {unit} at the sensor)"
+        for line in lines)
     return [Finding(
         "note", "narrow-band-disturbance",
         f"The one-step prediction errors have a narrow-band disturbance at {listed}, independent of speed: "

@@ -113,7 +113,7 @@ def _missing_torque_over_speed(views: Sequence[View],
     """Missing torque over speed: shows the law of friction."""
     curves = _bin_means([v.speed for v in views], missing)
     units, torque = views[0].units, views[0].words[1]
-    return [PlotData("diagnosis-residual-speed", f"{torque.capitalize()} that the model lacks, by speed",
+    return [PlotData("diagnosis-residual-speed", f"Unmodelled {torque} over speed",
                      f"motor speed [{units[2]}/s]", f"missing {torque} [{units[1]}]", curves)]
 
 
@@ -123,7 +123,7 @@ def _missing_torque_over_torque(
     shaft = all(v.shaft is not None for v in views)
     values = [v.shaft if shaft else v.torque for v in views]
     units, torque = views[0].units, views[0].words[1]
-    return [PlotData("diagnosis-residual-torque", f"{torque.capitalize()} that the model lacks, by {torque}",
+    return [PlotData("diagnosis-residual-torque", f"Unmodelled {torque} over {torque}",
                      f"{'shaft' if shaft else 'motor'} {torque} [{units[1]}]", f"missing {torque} [{units[1]}]",
                      _bin_means(values, missing))]
 
@@ -184,7 +184,7 @@ def _missing_torque_over_order(views: Sequence[View],
         order = np.linspace(0.0, highest if rotary else highest / (2.0 * np.pi), len(power[0]))
         curves[which] = _highest_of_intervals(order, np.sqrt(sum(power) / sum(distances)))
     _, torque, angle = views[0].words
-    return [PlotData("diagnosis-residual-order", f"Missing {torque} that repeats with the motor's {angle}",
+    return [PlotData("diagnosis-residual-order", f"Order spectrum of the unmodelled {torque} over motor {angle}",
                      "order [periods per turn]" if rotary else "periods per metre [1/m]",
                      f"amplitude, rigid drive [{views[0].units[1]}]", curves)]
 
@@ -254,6 +254,6 @@ def _candidate_plot(number: int, candidates: Sequence[CandidateResult]) -> PlotD
     """Held-out gain with its standard error; one curve (gain, std) per candidate that was fitted."""
     fitted = sorted((c for c in candidates if c.gain is not None), key=lambda c: -c.gain)
     return PlotData(
-        "diagnosis-candidates", f"Round {number}: what each cause explains", "log likelihood gained on "
+        "diagnosis-candidates", f"Round {number}: held-out gain of each cause", "log likelihood gained on "
         "data held out", "", {f"{c.code}: {c.state}": (
             np.array([c.gain]), np.array([c.gain_std if c.gain_std is not None else np.nan])) for c in fitted})

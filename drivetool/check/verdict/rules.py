@@ -32,8 +32,9 @@ MAX_ERROR_TO_NOISE_ERROR = 1.5  # of the error that noise causes. A choice: a ma
 MIN_SHARE_BY_SPEED = 0.9
 RECORDS_DIFFER_RULE = "held-out-differs"  # the rule whose sentence is about the records
 WEAK_SUPPORT_TEXT = "its gain on held-out data is below two standard errors"
-LOAD_BY_SPEED_TEXT = "a load that changes with the speed may as well be friction of another law"
-SEVERAL_LOADS_TEXT = "a load that changes several times can stand in for a law, and its residual is not noise alone"
+LOAD_BY_SPEED_TEXT = "a load that changes with the speed may be nonlinear friction instead"
+SEVERAL_LOADS_TEXT = (
+    "a load that changes several times can approximate another effect, and the residual is not white")
 
 
 @dataclass(frozen=True)
@@ -120,7 +121,7 @@ def unexplained_judgement(f: Facts) -> Judgement:
 def partial_judgement(f: Facts) -> Judgement:
     """The causes found, or something in no catalogue of which they are a part."""
     return Judgement("undetermined", f.faults, tuple(dict.fromkeys((*f.causes, *f.between, UNLISTED))),
-                     f"{f.left_percent:.0f} % of what could be explained is left")
+                     f"{f.left_percent:.0f} % of the explainable residual remains")
 
 
 def undetermined_judgement(*uncertain: str, doubt: str = "") -> Callable[[Facts], Judgement]:
@@ -139,21 +140,21 @@ LARGE_RESIDUAL_TEXT = (
 RULES: tuple[Rule, ...] = (
     Rule(RECORDS_DIFFER_RULE, "`other_values`, and no law or fault of the record explains them",
          lambda f: f.other_values and nothing_explains(f), unexplained_judgement,
-         "Held-out records need other parameter values, and no law was found that explains this.", HELD_OUT),
+         "The parameters differ on held-out records, and no effect was found that explains this.", HELD_OUT),
     Rule("not-asked-for", "`unasked` names a cause", lambda f: bool(f.unasked), unexplained_judgement,
          "The cause that explains the records was not among the candidates.", "By definition."),
     Rule("spoils-free-runs",
          f"`after` exceeds `before` by {100.0 * MAX_FREE_RUN_ERROR_INCREASE:g} % and by `scatter`",
          lambda f: bool(f.causes) and worsens_free_runs(f), unexplained_judgement,
-         "Causes that worsen the free-run error on held-out data are no model of the machine.", HELD_OUT),
+         "Causes that worsen the free-run error on held-out data do not describe the machine.", HELD_OUT),
     Rule("part-of-it",
          f"{LARGE_RESIDUAL_TEXT}; and `after` is {100.0 * MIN_IMPROVED_SHARE:g} % below `before` and by "
          f"{MIN_IMPROVEMENT_STDS:g} `scatter`, or `left_percent` is below {100.0 * (1.0 - MIN_IMPROVED_SHARE):g}",
          lambda f: bool(f.causes) and residual_contradicts_causes(f) and improves_clearly(f), partial_judgement,
-         "Residual tests find more in the prediction errors, but the causes explain much.", WHITENESS),
+         "The residual tests are significant, but the causes explain much of the residual.", WHITENESS),
     Rule("leaves-much", LARGE_RESIDUAL_TEXT,
          lambda f: bool(f.causes) and residual_contradicts_causes(f), unexplained_judgement,
-         "Residual tests find more in the prediction errors, and the causes explain little.", WHITENESS),
+         "The residual tests are significant, and the causes explain little of the residual.", WHITENESS),
     Rule("rivals-behind-noise", "`between` names causes, and `torque_noise` hides a law as under noise-hides-a-law",
          lambda f: bool(f.between) and noise_may_hide_law(f),
          lambda f: Judgement("undetermined", certain_causes(f), tuple(dict.fromkeys((*f.between, UNLISTED)))),
@@ -168,7 +169,8 @@ RULES: tuple[Rule, ...] = (
          lambda f: not f.causes and residual_significant(f), unexplained_judgement,
          "The prediction errors are not white, and no cause of the catalogue explains them.", WHITENESS),
     Rule("record-at-fault", "no cause, and `faults` names some", lambda f: not f.causes and bool(f.faults),
-         lambda f: Judgement("named", f.faults), "The faults of the records explain them.", "By definition."),
+         lambda f: Judgement("named", f.faults), "The faults of the records explain the residual.",
+         "By definition."),
     Rule("nothing-found", "no cause", lambda f: not f.causes, lambda f: Judgement("nothing-found"),
          "The records hold nothing beyond noise.", E_VALUE),
     Rule("noise-hides-a-law",
@@ -179,16 +181,16 @@ RULES: tuple[Rule, ...] = (
          "The torque would need more noise than drives have: another law may be at work.", EVIDENCE),
     Rule("hardly-told", "`hardly` names causes", lambda f: bool(f.hardly),
          lambda f: undetermined_judgement(*f.hardly, doubt=WEAK_SUPPORT_TEXT)(f),
-         "Its gain on held-out blocks is not significant.",
+         "The gain of a cause on held-out blocks is not significant.",
          "Two standard errors of a sum over blocks."),
     Rule("load-leaves-something", "`load_changes` above 1 and `left` above 0",
          lambda f: f.load_changes > 1 and f.left > 0.0,
          undetermined_judgement("load-step", doubt=SEVERAL_LOADS_TEXT),
-         "A load that changes often enough can stand in for any law.", EVIDENCE),
+         "A load torque that changes often enough can approximate any effect.", EVIDENCE),
     Rule("load-goes-with-speed", f"`load_changes` above 1 and `by_speed` above {MIN_SHARE_BY_SPEED:g}",
          lambda f: f.load_changes > 1 and (f.by_speed or 0.0) > MIN_SHARE_BY_SPEED,
          undetermined_judgement("load-step", doubt=LOAD_BY_SPEED_TEXT),
-         "A load that comes and goes with the speed is friction.",
+         "A load torque that is a function of speed is friction.",
          "Loads at random instants share a third of their variance with a function of speed, hardly ever 0.8."),
     Rule("explained", "otherwise", lambda f: True, lambda f: Judgement("named", certain_causes(f)),
          "No rival fits as well, the residual is noise, and free runs agree.", E_VALUE),

@@ -21,17 +21,18 @@ def experiment_of(between: Sequence[str], verdict: str, shafts: bool = True, log
     laws    whether a law was found; else the cause is a fault of the record
     """
     if verdict == "named" and not laws:
-        return "Mend the channel, in the drive's logger or by the channel map, and run greybox on the record again."
+        return ("Correct the channel in the drive's logger or in the channel map, and run greybox on the record "
+                "again.")
     if UNLISTED in between and verdict == "undetermined" and not doubt:
-        return ("Hold the torque constant for some seconds at several levels: torque noise remains there, the "
-                f"effect of a missing law does not.{_sensors_to_add(shafts, logged)}")
+        return ("Hold the torque constant for some seconds at several levels: torque noise then persists, the "
+                f"effect of an unmodelled law disappears.{_sensors_to_add(shafts, logged)}")
     if verdict == "undetermined" and not doubt:
         return experiment_between(between)
     if verdict == "unexplained" or doubt:
-        return ("Repeat the record at other levels, and look at the residual over speed, torque and angle in the "
-                f"report.{_sensors_to_add(shafts, logged)}")
+        return ("Repeat the record at other speeds and torques, and look at the residual over speed, torque and "
+                f"angle in the report.{_sensors_to_add(shafts, logged)}")
     if verdict == "nothing-found":
-        return "Larger torque, more reversals or a longer record would show smaller effects."
+        return "Larger torque, more reversals or a longer record would make smaller effects detectable."
     return "Repeat the diagnosis on a fresh record of the machine with the extended file as its base."
 
 
@@ -68,34 +69,34 @@ def sentence_of(verdict: str, codes: tuple[Sequence[str], Sequence[str], Sequenc
     causes, between, found = codes
     words = _joined_causes(causes)
     way = "falls" if gain.held_out_rmse_after < gain.held_out_rmse_before else "goes"
-    where = "in free runs of {:.3g} s over data held out the error" if gain.of == "motion" else (
-        "over data held out the error of the torque that the motion requires")
+    where = "on held-out data the error of free runs of {:.3g} s" if gain.of == "motion" else (
+        "on held-out data the error of the required torque")
     better = (f"{where.format(gain.segment)} {way} from "
               f"{gain.held_out_rmse_before:.4g} to {gain.held_out_rmse_after:.4g} {gain.unit}")
     if verdict == "named":
         left = "" if not gain.unexplained_percent >= 1.0 else (
-            f"; {gain.unexplained_percent:.0f} % of what the base left unexplained is still there")
+            f"; {gain.unexplained_percent:.0f} % of the explainable residual remains")
         faults = _joined_causes([c for c in causes if c not in found])
         if not found:
-            return (f"The record is at fault, not the simulation: {faults}. Apart from that it holds nothing "
-                    "beyond noise that a cause in the catalogue would explain.")
+            return (f"The record is at fault, not the simulation: {faults}. No cause of the catalogue "
+                    "explains anything further in the record.")
         laws = [c for c in causes if c in found]
         laws_text = " and ".join(_cause_text(c) + (f", {sizes[c]}" if c in sizes else "") for c in laws)
-        first = f"The record is at fault: {faults}. Beside that the" if faults else "The"
-        return (f"{first} simulation lacks {laws_text}. {_error_text(gain, len(laws))}{left}"
+        first = f"The record is at fault: {faults}. In addition, the" if faults else "The"
+        return (f"{first} model lacks {laws_text}. {_error_text(gain, len(laws))}{left}"
                 f"{_noise_text(gain, full_record_rmse, share)}.")
     if verdict == "undetermined":
         if doubt:
             faults, laws = ([c for c in causes if (c in found) == law] for law in (False, True))
-            first = f"The record is at fault: {_joined_causes(faults)}. Beside that the" if faults else "The"
+            first = f"The record is at fault: {_joined_causes(faults)}. In addition, the" if faults else "The"
             certain = f"{_joined_causes(laws)}, and " if laws else ""
             maybe = _joined_causes([c for c in found if c in between])
             rivals = [_cause_text(c) for c in between if c not in found and c != UNLISTED]
             maybe += f" (or {' or '.join(rivals)} in place of one of them)" if rivals else ""
-            return (f"{first} simulation lacks {certain}{maybe}, or something in no catalogue that this is part "
-                    f"of: {better}, but {doubt}.")
+            return (f"{first} model lacks {certain}{maybe}, or an effect outside the catalogue of which this is "
+                    f"a part: {better}, but {doubt}.")
         either = " or ".join(_cause_text(c) for c in between if c != UNLISTED)
-        first = f"The simulation lacks {words or 'something'}{', and one thing more' * bool(causes)}: "
+        first = f"The model lacks {words or 'an effect'}{', and one further cause' * bool(causes)}: "
         if UNLISTED in between:
             return (f"{first}{either} explains it best, but {better}, {_error_to_noise(gain):.0f} times the "
                     f"sensor's own noise: either the torque has noise of {100.0 * share:.0f} % of its standard "
@@ -103,23 +104,23 @@ def sentence_of(verdict: str, codes: tuple[Sequence[str], Sequence[str], Sequenc
         return f"{first}{either} explain the record equally well; {better}."
     if verdict == "unexplained":
         return _unexplained_text(found, not_requested, gain, better)
-    own = f" The drive it was given has {_joined_causes(in_base)} already." if in_base else ""
-    return ("Nothing was found: the record holds nothing beyond noise that a cause in the catalogue would "
-            f"explain.{own}")
+    own = f" The base model already contains {_joined_causes(in_base)}." if in_base else ""
+    return ("Nothing was found: no cause of the catalogue explains anything in the record beyond noise."
+            f"{own}")
 
 
 def _unexplained_text(found: Sequence[str], not_requested: str, gain: Gain, better: str) -> str:
     """The sentence where no cause explains the residual; better: the gain by the causes found."""
-    closest = ", then ".join(map(_cause_text, found))
-    near = (f" {closest[:1].upper()}{closest[1:]} come{'s' * (len(found) == 1)} closest ({better}), but"
-            if closest else "")
+    closest = " and then ".join(map(_cause_text, found))
+    near = (f" {closest[:1].upper()}{closest[1:]} {'is' if len(found) == 1 else 'are'} the closest "
+            f"candidate{'s' * (len(found) > 1)} ({better}), but" if closest else "")
     if not_requested:
-        known = _cause_text(not_requested)
-        return f"Something is missing that none of the candidates explains;{near} {known} would."
-    rest = f" {gain.unexplained_percent:.0f} % of what could be explained is left."
+        return ("The model lacks an effect that none of the requested candidates explains"
+                f"{'.' if near else ';'}{near} {_cause_text(not_requested)}, which was not requested, explains it.")
+    rest = f" {gain.unexplained_percent:.0f} % of the explainable residual remains."
     if not np.isfinite(gain.unexplained_percent):
         rest, near = "", near.removesuffix(", but") + "." * bool(near)
-    return f"Something is missing that no cause in the catalogue explains.{near}{rest}"
+    return f"The model lacks an effect that no cause of the catalogue explains.{near}{rest}"
 
 
 def _error_text(gain: Gain, laws: int) -> str:
@@ -128,10 +129,10 @@ def _error_text(gain: Gain, laws: int) -> str:
     pronoun = "it" if laws == 1 else "them"
     before, after = (f"{e:.3g} {gain.unit}" for e in (gain.held_out_rmse_before, gain.held_out_rmse_after))
     if gain.of == "torque":
-        return (f"Without {pronoun} the torque that the motion requires is off by {before} over data held out, "
-                f"with {pronoun} by {after}")
-    return (f"Without {pronoun} the simulated {what} is off by {before} over data held out, with {pronoun} by "
-            f"{after}, in free runs of {gain.segment:.3g} s")
+        return (f"Without {pronoun} the required torque has an rms error of {before} on held-out data, "
+                f"with {pronoun} of {after}")
+    return (f"Without {pronoun} the simulated {what} has an rms error of {before} on held-out data, "
+            f"with {pronoun} of {after}, in free runs of {gain.segment:.3g} s")
 
 
 def _cause_text(code: str) -> str:
@@ -154,7 +155,8 @@ def _noise_text(gain: Gain, full_record_rmse: float, share: float) -> str:
     if not np.isfinite(_error_to_noise(gain)) or _error_to_noise(gain) < LARGE_ERROR_TO_NOISE:
         return ""
     if full_record_rmse < LARGE_ERROR_TO_NOISE * gain.noise_floor:
-        return (f"; that is still {_error_to_noise(gain):.0f} times the sensor's own noise, though the drive "
-                "fitted to the whole record reaches the noise: half of the record predicts the other half poorly")
+        return (f"; that is still {_error_to_noise(gain):.0f} times the sensor's own noise, although a "
+                "fit to the whole record reaches this noise: half of the record is too short to predict the other "
+                "half")
     return (f"; the remaining error is {_error_to_noise(gain):.0f} times the sensor's own noise, and the model "
             f"attributes it to torque noise of {100.0 * share:.2g} % of the torque's standard deviation")

@@ -58,8 +58,8 @@ def _finding(search: SearchResult, name: str, other: str, there: Model) -> Findi
     both, logged = "look at both ends of the drive.", search.model.task.roles.outputs
     return Finding(
         "note", "location-not-identifiable",
-        f"The drive has {name}; the record does not distinguish it from {other} {value:.4g} "
-        f"{there.task.drive.unit(other)} (log likelihoods differ by {abs(lead):.2g}).",
+        f"The model has {name}; {other} {value:.4g} {there.task.drive.unit(other)} explains the record equally "
+        f"well (log likelihoods differ by {abs(lead):.2g}).",
         {other: float(value), "log_likelihood": float(lead)},
         # The body hardly changes the speeds; it changes the shaft torque.
         both.capitalize() if "shaft_torque" in logged else f"Log the shaft torque too, or {both}")
