@@ -94,4 +94,4 @@ def test_a_record_without_noise_is_explained_to_rounding(single):
     assert found.checks[0].passed and "the residual is at rounding level" in found.verdict
     assert [f.code for f in found.findings] == ["residual-not-testable"]
     off = finding_of_record(e, (1.0, 0.0), np.array([1e-4 * INERTIA, 1e-9]))
-    assert "residual-not-testable" not in {f.code for f in off.findings} and "to rounding" not in off.verdict
+    assert "residual-not-testable" not in {f.code for f in off.findings} and "rounding level" not in off.verdict
