@@ -49,7 +49,7 @@ SEEN = {
         "quantised-speed role-not-used samples-not-measured shaft-torque-unchecked signal-saturated "
         "speed-angle-mismatch speed-delay speed-filter speed-filtered suspect-sign suspect-unit units-mixed "
         "value-wraps wrap-ambiguous wrong-scale wrong-sign",
-    "The torque channel, and what drives what":
+    "Torque channel and causality":
         "constant-load input-delay torque-contradicts-motion torque-filtered torque-in-feedback "
         "torque-measurement-noise torque-missing torque-shifted torque-source torque-unsigned "
         "torque-without-feedback weak-instrument",
@@ -73,7 +73,7 @@ SEEN = {
         "unstable-estimate",
     "Recordings or machines differ":
         "parameters-change parameters-differ records-scatter sides-not-compared",
-    "What a validation or a diagnosis says":
+    "Results of validation and diagnosis":
         "biased-base diagnosis-named diagnosis-nothing-found diagnosis-undetermined diagnosis-unexplained "
         "extrapolation held-out-own-values limit-missed not-held-out ranking-depends-on-start "
         "tuned-for-another-file",

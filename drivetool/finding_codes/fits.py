@@ -6,7 +6,7 @@ CODES = {
     "direction-changes": Code(
         WARNING,
         "The motor reverses in the record. Coulomb friction then changes its sign, and the linear black-box model "
-        "does not hold it.",
+        "does not describe it.",
         "Use a record of one direction, or go on to `greybox`."),
     "distortion-not-separable": Code(
         NOTE,
@@ -16,11 +16,12 @@ CODES = {
     "excitation-gaps": Code(
         NOTE,
         "The excitation leaves gaps between its spectral lines. The frequency response is not known in them.",
-        "Excite the missing lines if a resonance may lie there."),
+        "Excite the missing spectral lines if a resonance may lie there."),
     "friction-from-prior": Code(
         NOTE,
-        "The shaft torque was measured, and this record determines the friction of a body to no better than a "
-        "third of itself. The value of the parameter file (the prior) stands, and its covariance is propagated.",
+        "The shaft torque was measured, and this record determines the friction of a body with a standard "
+        "deviation above a third of its value. The value of the parameter file (the prior) is kept, and its "
+        "covariance is propagated.",
         "Record steps about speeds that differ more, or name the parameter with `--free`."),
     "gap-ambiguous": Code(
         WARNING,
@@ -29,27 +30,29 @@ CODES = {
         "Record torque steps that cross the gap both ways."),
     "gap-law": Code(
         NOTE,
-        "Both published laws of a gap were fitted: the damping is part of the contact (`inside`), or acts in the "
-        "gap too (`always`). One is chosen where it leads by more than 7 of log likelihood, and the file has it "
-        "as `damping_law`. Else the estimate is by the law of the parameter file, and the evidence has both "
-        "values.",
-        "Keep `damping_law` in the parameter file. Where neither leads, record more passages through the gap, "
-        "slow ones too."),
+        "Both published laws of a gap were fitted: the damping is part of the contact (`inside`), or acts in "
+        "contact and in the gap (`always`). One is chosen where its log likelihood is higher by more than 7, and "
+        "the file states it as `damping_law`. Otherwise the law of the parameter file is used; the `evidence` of "
+        "the finding lists the values by both laws.",
+        "Keep `damping_law` in the parameter file. Where neither is significantly likelier, record more passages "
+        "through the gap, slow ones too."),
     "gap-left-out": Code(
         WARNING,
-        "The model of two masses lacks a backlash gap. Fitted with one, a drive raises the log likelihood by more "
-        "than 12 under the same noise models. All fits without the gap share its error. The shaft and the two "
-        "inertias get no interval.",
-        "Fit it too with `--free shaft.half_gap`; if there is no gap, say so with `--set shaft.half_gap=0`."),
+        "The model of two masses lacks a backlash gap. With a gap, the log likelihood rises by more than 12 under "
+        "the same noise models. All fits without the gap are biased. The shaft and the two inertias get no "
+        "interval.",
+        "Fit it too with `--free shaft.half_gap`; if there is no gap, state it with `--set shaft.half_gap=0`."),
     "gap-may-open": Code(
         WARNING,
-        "The shaft torque changes its sign in the record. A backlash gap would open there, and the fitted model "
-        "has none. `greybox` reports it where it cannot test the record for a gap: with several shafts, or a "
-        "stiffness that is held.",
-        "Use torque steps upward from a constant speed; if there is no gap, say so with `--set shaft.half_gap=0`."),
+        "The shaft torque changes its sign in the record. A backlash gap, if there is one, opens there, and the "
+        "fitted model has none. `greybox` reports it where it cannot test for a gap: the drive has several "
+        "shafts, or the stiffness is held.",
+        "Use torque steps upward from a constant speed; if there is no gap, state it with `--set "
+        "shaft.half_gap=0`."),
     "gap-not-crossed": Code(
         WARNING,
-        "The gap opens in the record but its other side is never reached. The half gap is known only from below.",
+        "The gap opens in the record but its other side is never reached. The record gives only a lower bound of "
+        "the half gap.",
         "Record torque steps of both signs."),
     "gap-not-opened": Code(
         WARNING,
@@ -59,12 +62,12 @@ CODES = {
     "gap-not-significant": Code(
         NOTE,
         "The profile likelihood of the half gap includes zero. There is an upper limit and no lower one.",
-        "Record smaller torque steps around zero shaft torque to show a smaller gap."),
+        "Record smaller torque steps around zero shaft torque to identify a smaller gap."),
     "gap-refit": Code(
         NOTE,
-        "Linear parameters that are a few per cent off would bias the half gap: the load inertia is low compared "
-        "with the motor, or a measured shaft torque has many passages through the gap. They are fitted again "
-        "together with the gap.",
+        "Errors of a few per cent in the linear parameters bias the half gap. This holds where the load inertia "
+        "is low compared with the motor, or a measured shaft torque has many passages through the gap. These "
+        "parameters are fitted jointly with the gap.",
         "Use `--hold` for values that are known for certain."),
     "gap-unbounded": Code(
         WARNING,
@@ -73,11 +76,12 @@ CODES = {
         "Record torque steps that cross the gap both ways."),
     "held-value-rejected": Code(
         WARNING,
-        "The record rejects a value that is held, and the fitted ones compensate for it. Freeing it alone raises "
-        "the log likelihood by more than 30, changes it by more than 1 %, and leaves no correlated errors; or the "
-        "first samples contradict a start state by more than 8 standard deviations. `greybox` tests the dead "
-        "time, the half gaps and the names after `--hold`, unless they are zero. It does so only where another "
-        "finding says that the fit lacks something.",
+        "The record rejects a held value or the stated start state, and the fitted parameters compensate for it. "
+        "Freeing the value alone raises the log likelihood by more than 30, changes the value by more than 1 %, "
+        "and leaves no correlated innovations. Or the first samples contradict a start state by more than 8 "
+        "standard deviations. `greybox` tests the dead time, the half gaps and the parameters given with "
+        "`--hold`, unless they are zero. It does so only where another finding states that the model lacks an "
+        "effect.",
         "Fit it too with `--free`, or correct it with `--set`; leave `--start` out, or begin where the drive "
         "rests: `--condition 'keep from=SECONDS'`."),
     "held-values-dominate": Code(
@@ -88,7 +92,8 @@ CODES = {
     "inconsistent-with-prior": Code(
         WARNING,
         "A parameter lies more than 8 combined standard deviations from its value in the parameter file: the "
-        "estimate is inconsistent with its prior. One of the two fits lacks an effect.",
+        "estimate is inconsistent with its prior. Either this fit or the one behind the parameter file lacks an "
+        "effect.",
         "Run `diagnose` on both recordings."),
     "innovations-correlated": Code(
         NOTE_OR_WARNING,
@@ -99,8 +104,8 @@ CODES = {
     "input-delay": Code(
         WARNING,
         "The model is far likelier if the torque acts later than it was logged, by a lag or by a part of a "
-        "sample. The converter has a lag or a dead time, or the speed is filtered; no `shift` of whole samples "
-        "cures it.",
+        "sample. The converter has a lag or a dead time, or the speed is filtered; a `shift` of whole samples "
+        "does not correct it.",
         "Free `converter.bandwidth` or `converter.dead_time`, or set `sensor.bandwidth`."),
     "low-coherence": Code(
         WARNING_OR_FAILURE,
@@ -117,31 +122,31 @@ CODES = {
     "mass-left-out": Code(
         WARNING,
         "The model of two masses lacks a third. With the load split by one more shaft, the log likelihood rises "
-        "by more than 12 and the errors are no longer correlated. All fits without it share its error. The shaft "
-        "and the two inertias get no interval.",
-        "Fit it too with `--drive three-mass`, or run `diagnose`. A sensor at the load shows it best."),
+        "by more than 12 and the innovations are no longer correlated. All fits without the third mass are "
+        "biased. The shaft and the two inertias get no interval.",
+        "Fit it too with `--drive three-mass`, or run `diagnose`. A sensor at the load identifies it best."),
     "model-error": Code(
         WARNING,
-        "The drive model has a structural error, which a noise model would hide. Without a gap, a law that is a "
-        "function of the motion carries more than 1 % of the torque, and the text names it. Or free runs reject "
-        "the likeliest noise model, or credible models of the record disagree by more than their noise. Of other "
-        "drives, a fit for simulation reproduces the held-out end of the record clearly better than a fit for "
-        "one-step prediction.",
-        "Run `diagnose`. The intervals of the default fit include the disagreement as `std_structure`; all others "
-        "are conditional on the structure.",
+        "The drive model has a structural error, which a noise model would hide. In drives without a gap, an "
+        "unmodelled effect (a function of the motion) accounts for more than 1 % of the torque, and the text "
+        "names it. Or free runs reject the likeliest noise model, or credible models of the record disagree by "
+        "more than their noise. For all other drives, a simulation-error fit reproduces the held-out end of the "
+        "record clearly better than a fit of one-step prediction errors.",
+        "Run `diagnose`. The intervals of the default fit include the disagreement as `std_structure`; all other "
+        "intervals are conditional on the structure.",
         says="doubt"),
     "model-order": Code(
         NOTE_OR_WARNING,
-        "The order of a polynomial model is assessed. Cross-validation chooses the stated number of bodies, a "
-        "warning where the drive has another number. Or a pole and a zero cancel within their uncertainty: the "
-        "order is higher than the records support.",
+        "Cross-validation over the order of a polynomial model chooses the stated number of bodies. It is a "
+        "warning where the drive has another number. Or a pole and a zero cancel within their uncertainty "
+        "(warning): the order is higher than the records support.",
         "Use a drive with that many bodies, or give `--order` to keep this one; where poles and zeros cancel, "
         "lower it."),
     "no-conversion": Code(
         NOTE_OR_FAILURE,
         "The black-box model has no equivalent chain of masses: its order, or its zeros and poles, do not fit the "
-        "drive. No inertias and stiffnesses are given. It is a failure where an inertia or a stiffness comes out "
-        "negative or beyond its bound.",
+        "drive. No inertias and stiffnesses are given. It is a failure where an inertia or a stiffness is "
+        "estimated as negative or beyond its bound.",
         "Choose `--order` 2 n - 1 for n bodies, or another `--drive`. After a failure check signs and units of "
         "torque and speed in the channel map, and excite the resonance."),
     "no-fit": Code(
@@ -151,17 +156,19 @@ CODES = {
         "Leave it out, or change the order."),
     "nonlinear-distortion": Code(
         NOTE_OR_WARNING,
-        "The drive is not one linear system. The output has power on even or odd spectral lines that are not "
-        "excited, a warning above -40 dB of the signal. Or the frequency response varies between runs by more "
-        "than four times the noise variance. Or the first anti-resonance differs between records by more than 4 "
-        "standard deviations.",
+        "The records are not those of one linear drive. The output has power on even or odd spectral lines that "
+        "are not excited; it is a warning above -40 dB relative to the signal. Or the frequency response varies "
+        "between runs by more than four times the noise variance. Or the first anti-resonance differs between "
+        "records by more than 4 standard deviations.",
         "Even lines point to friction that depends on the direction, or a gap loaded on one side; odd lines to "
         "Coulomb friction or backlash. Compare amplitudes; the linear model holds at one only."),
     "not-converged": Code(
         WARNING,
-        "The fit did not converge: the likelihood still rose when it stopped, no second start of the multi-start "
-        "fit reached the same optimum, or a rigid shaft predicts better. No intervals are given.",
-        "Start nearer with `--set`, hold what is known with `--hold`, or use a record with more excitation."),
+        "The fit did not converge: the likelihood still rose when it stopped, or no second start of the "
+        "multi-start fit reached the same optimum. Or a model with a rigid shaft has a higher likelihood (local "
+        "optimum). No intervals are given.",
+        "Give better start values with `--set`, hold what is known with `--hold`, or use a record with more "
+        "excitation."),
     "not-identifiable": Code(
         NOTE_OR_WARNING,
         "The record does not determine a parameter: it has no effect on the outputs, or only a combination with "
@@ -172,39 +179,41 @@ CODES = {
         WARNING,
         "In `compare` a parameter differs by more than its uncertainty explains: between two records or two "
         "machines at the 5 % level over all parameters and pairs. Between the two sides of `--swap` the level is "
-        "3 joint standard deviations, or a chi-square test at 0.27 %. With one record each, another machine and "
-        "another day look the same.",
+        "3 joint standard deviations, or a chi-square test at 0.27 %. With one record each, a difference between "
+        "machines cannot be separated from one between days.",
         "Record each machine several times, at different times; look for wear, lubrication or another load. "
         "Between two sides check sign, scale and clock of the torque channels, and run `diagnose` on both "
         "recordings."),
     "records-scatter": Code(
         NOTE,
         "A parameter varies from recording to recording by more than the noise within them explains, at the 1 % "
-        "level over all parameters. Its interval holds for the machine and not for one day.",
+        "level over all parameters. Its interval includes the scatter between recordings.",
         "State what was changed on purpose with `--record`; more recordings determine the scatter better."),
     "residual-conversion-error": Code(
         WARNING,
-        "The conversion to two masses does not use the coefficient b1 of the transfer function. Here b1 "
-        "contradicts the estimated parameters: it is more than 4 standard deviations and 10 % off.",
+        "The conversion to two masses does not use the coefficient b1 of the transfer function. Here b1 is "
+        "inconsistent with the estimated parameters: it differs from the value that they give by more than 4 "
+        "standard deviations and 10 %.",
         "State a known lag or dead time of the torque, or a filter of the speed; then use `greybox` and "
         "`diagnose`."),
     "residual-correlated": Code(
         NOTE_OR_WARNING,
         "The residual of a polynomial model is correlated. In open loop an output-error model stays consistent, "
         "and the intervals take the correlation into account. In closed loop the estimate is consistent only with "
-        "the right noise model, and the poles of ARX and ARMAX models are biased even in open loop: a warning.",
+        "the right noise model. The poles of ARX and ARMAX models are biased even in open loop. Both cases are "
+        "warnings.",
         "Use `--structure oe`, `bj` of a higher `--noise-order`, or `innovations` where torque noise excites the "
         "resonance; in closed loop log the reference and use `spectra`."),
     "residual-not-testable": Code(
         NOTE,
         "The residual is not tested. The torque is constant, the record is too short, or a free run differs from "
-        "the record by rounding only.",
-        "Record while the torque changes; a simulated record has no noise to test."),
+        "the record by rounding only, as in a record simulated without noise.",
+        "Record while the torque changes."),
     "resonance-out-of-range": Code(
         WARNING,
-        "The resonance is not in the band that the record covers well. It lies above a third of the sampling "
-        "rate, or the response to the torque is below the noise there. Its damping and frequency are poorly "
-        "determined.",
+        "The record samples the resonance too slowly, or does not excite it sufficiently. The resonance lies "
+        "above a third of the sampling rate, or the response to the torque is below the noise there. Its damping "
+        "and frequency are poorly determined.",
         "Record with a higher sampling rate; excite with sudden torque steps, as large as the drive allows."),
     "response-not-explained": Code(
         WARNING,
@@ -215,13 +224,13 @@ CODES = {
         WARNING_OR_FAILURE,
         "One rigid body explains the record as well as two masses with a shaft: the resonance is not excited. "
         "Stiffness and damping of the shaft, and the split of the inertia, are not identifiable. It is a failure "
-        "where nothing else was to be identified.",
+        "where the step has no other parameter to identify.",
         "Excite the resonance with a chirp, a multisine, or sudden torque steps from a constant speed with "
         "several periods between them; or log the speed on the other side of the shaft."),
     "sides-not-compared": Code(
         WARNING,
-        "In `compare --swap` no parameter has an interval in both files. The differences are stated, and nothing "
-        "says whether they are large.",
+        "In `compare --swap` no parameter has an interval in both files. The differences are stated, but their "
+        "significance is unknown.",
         "Give the files that `greybox`, `backlash` or `blackbox` wrote, and free the same parameters."),
     "simulation-criterion": Code(
         NOTE,
@@ -234,45 +243,47 @@ CODES = {
         "Set `sign: -1` for one of the two in the channel map."),
     "suspect-unit": Code(
         WARNING,
-        "The drive has a multiple of the inertia it starts with. Where the factor is that between two units, a "
-        "unit is suspect, and the text names it.",
+        "The estimated inertia of the drive is a multiple or a fraction of its start value. If the factor is the "
+        "ratio of two units, the text names the suspect unit.",
         "Check the units of torque and motion in the channel map, or the start values."),
     "torque-filtered": Code(
         WARNING,
-        "The model is far likelier with the torque as it was in front of a low-pass of the stated time constant "
-        "than with the torque as logged or shifted. The log has a filtered torque, and inertias are biased.",
+        "The likelihood is far higher if the logged torque is taken as low-pass filtered with the stated time "
+        "constant than if it is taken as correct or shifted. The filtered torque biases inertias.",
         "Log the torque in front of its filter, or the command."),
     "torque-in-feedback": Code(
         NOTE_OR_WARNING,
         "Granger's test shows feedback from the sensor to the torque. In closed loop a direct estimate of the "
-        "frequency response is biased towards the negative inverse of the controller: a warning. Beside a fit by "
-        "simulation that failed it is a note: the motion may be imposed, and the torque the output.",
+        "frequency response is biased towards the negative inverse of the controller (warning). After a failed "
+        "simulation fit it is a note: the motion may be imposed, and the torque the output.",
         "Log the reference for the indirect estimate, or excite with a periodic multisine. Where the motion is "
         "imposed, use `--criterion inverse`."),
     "torque-measurement-noise": Code(
         NOTE,
-        "Part of the logged torque has no effect on the motion, and is as strong at all frequencies as the noise "
-        "of a measurement. The log is a measurement, and the fit takes that part out.",
+        "Part of the logged torque has no effect on the motion and is white, like measurement noise. The logged "
+        "torque is a measurement, and the fit removes that part.",
         "State `torque_is: measurement` in the channel map; log the torque command if the drive offers it."),
     "torque-shifted": Code(
         WARNING,
         "The model is far likelier with the torque one sample earlier or later than it was logged. Drives that "
-        "log the torque of the last cycle are late. Early stamps, a slow converter and a filtered speed all look "
-        "the same. Inertias are off by several per cent, and a diagnosis may name a third mass.",
+        "log the torque of the last cycle are late. Early stamps, a slow converter and a filtered speed have the "
+        "same effect. Inertias are off by several per cent, and a diagnosis may name a third mass.",
         "Write the stated `shift` into the channel map and fit again, or free the dead time or the lag of the "
         "converter.",
         says="shift"),
     "torque-source": Code(
         NOTE_OR_WARNING,
-        "It matters whether the torque is a command or a measurement. Where the channel map does not say so, it "
-        "is taken as the command, with noise between it and the shaft. The noise of a measured torque does not "
-        "act on the drive: an errors-in-variables problem, and the parameters may be biased, a warning.",
+        "Commanded and measured torque need different noise models. Where the channel map does not state "
+        "`torque_is`, the torque is taken as the command, with noise that acts on the drive. The noise of a "
+        "measured torque does not act on the drive. This is an errors-in-variables problem, and the parameters "
+        "may be biased (warning).",
         "State `torque_is: command` or `torque_is: measurement` in the channel map; log the torque command if the "
         "drive offers it."),
     "torque-unsigned": Code(
         WARNING,
         "The channel map says that the torque is logged without a sign. `steady` gives it the sign of the motion, "
-        "which is right where the motor drives. Where the load drives, friction and load change places.",
+        "which is right where the motor drives. Where the load drives the motor, friction and load torque are "
+        "exchanged.",
         "Log the torque with its sign if a load acts."),
     "torque-without-feedback": Code(
         NOTE,
@@ -286,10 +297,10 @@ CODES = {
         "Use another structure or order, or a record with more excitation."),
     "weak-instrument": Code(
         NOTE_OR_WARNING,
-        "The least squares of `--criterion inverse` have no good instrument. No reference of the loop is logged, "
-        "or it answers the sensor (Granger's test): noise and disturbances reach torque and motion through the "
-        "loop, and `std_structure` bounds the bias. It is a warning where the reference explains little of the "
-        "measured acceleration (first-stage F below 10).",
+        "The least squares of `--criterion inverse` have no valid instrument, or a weak one. No reference of the "
+        "loop is logged, or the reference depends on the sensor (Granger's test). Noise and disturbances then "
+        "reach torque and motion through the loop, and `std_structure` bounds the bias. It is a warning where the "
+        "reference explains little of the measured acceleration (first-stage F below 10).",
         "Log the reference of the outermost loop: reference_angle, reference_speed or reference_torque; record "
         "one that the drive follows, or a larger excitation."),
 }

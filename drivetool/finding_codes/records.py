@@ -9,22 +9,22 @@ CODES = {
         "Write the full name of a channel of the log into the channel map."),
     "clock-corrected": Code(
         NOTE_OR_WARNING,
-        "The time stamps of a channel are replaced by better ones. Stamps of a coarse resolution get the uniform "
-        "clock within one resolution of all of them. Else a stated `shift` is applied, or messages received in "
-        "batches take their own steady clock, a warning.",
-        "Log time stamps in full, made where the signal is sampled; name the clock of the messages with `time` in "
-        "the channel map."),
+        "The time stamps of a channel are replaced by better ones. Stamps of coarse resolution are replaced by a "
+        "uniform clock that differs from each of them by at most one resolution step. Or a stated `shift` is "
+        "added (note). Or messages received in batches get their own steady time stamps instead (warning).",
+        "Log time stamps with full resolution, made where the signal is sampled; name the clock of the messages "
+        "with `time` in the channel map."),
     "clock-offset": Code(
         NOTE_OR_WARNING,
-        "Two channels with clocks of their own agree better when one of them is shifted in time. It is a warning "
-        "for two sensors of one body; across a shaft a backlash gap looks the same, so it is a note. Nothing is "
-        "shifted.",
+        "The motion in two channels with separate clocks agrees better when one channel is shifted in time. It is "
+        "a warning for two sensors of one body. Across a shaft a backlash gap has the same effect, so it is a "
+        "note. Nothing is shifted.",
         "If the clocks differ, write the stated `shift` into the channel map."),
     "conditioned": Code(
         NOTE,
         "A conditioning step of `--condition` was applied to the recording before anything else. The text states "
         "the step and what it changed.",
-        "Nothing; compare with a run without it if in doubt."),
+        "Nothing; compare with a run without this conditioning step if in doubt."),
     "constant-signal": Code(
         WARNING,
         "A channel has the same value throughout. It carries no information for a fit.",
@@ -38,22 +38,22 @@ CODES = {
     "outliers-left-out": Code(
         WARNING,
         "Single samples lie eight standard deviations and more from all of their neighbours, or from the one-step "
-        "prediction of the model. Drops to zero of a bus, sensor glitches and impacts do that. Fits of physical "
-        "models leave them out; spectra and polynomial models take them as they are.",
+        "prediction of the model. Bus dropouts to zero, sensor glitches and impacts are possible causes. Fits of "
+        "physical models leave them out; spectra and polynomial models take them as they are.",
         "Check the sensor and its bus at the stated times; `--condition despike` replaces such samples for every "
         "step. Run `diagnose` if impacts are possible."),
     "quantised-speed": Code(
         WARNING,
-        "A speed comes in steps and has the noise of differences: it is the difference of an encoder's counts "
-        "from one sample to the next. This quantised, differentiated speed has correlated noise, which a fit can "
-        "take for missing physics.",
+        "A speed is quantised and has the noise of a difference quotient: it is the difference of an encoder's "
+        "counts from one sample to the next. This quantised, differentiated speed has correlated noise, which a "
+        "fit can mistake for an unmodelled effect.",
         "Log the counts as an angle, or integrate them: `--condition 'integrate roles=ROLE'`."),
     "rate-changes": Code(
         NOTE_OR_WARNING,
         "The logger changed its rate: from some time on the interval between samples is longer or shorter by a "
-        "factor. What is at each rate has a grid of its own; steady, blackbox, greybox and backlash fit all of "
-        "it. It is a warning where a rate is left out: its samples cannot be used, or the step works at one rate "
-        "and takes the one with most excitation.",
+        "factor. The samples of each rate have a time grid of their own; steady, blackbox, greybox and backlash "
+        "fit all rates. It is a warning where a rate is left out: its samples cannot be used, or the step works "
+        "at one rate and uses the rate with the largest excitation.",
         "Record at one rate."),
     "recording-interrupted": Code(
         NOTE_OR_WARNING,
@@ -64,18 +64,18 @@ CODES = {
         WARNING,
         "The file can be read, but no estimator can use it: a role, a unit or the clock is missing or wrong. The "
         "text states the error that a later step would raise.",
-        "Follow the advice in the text; most cases are settled in the channel map."),
+        "Follow the action that the text states; most cases are corrected in the channel map."),
     "resampled": Code(
         NOTE_OR_WARNING,
         "The channels are resampled to one uniform grid: inputs are held or averaged over each step, sensors are "
         "interpolated. A faster sensor passes a zero-phase low-pass filter first, so nothing is aliased. A slower "
-        "one has values at some points of the grid only. It is a warning where one clock is irregular.",
+        "sensor has values only at some points of the grid. It is a warning where one clock is irregular.",
         "Record with a fixed sampling rate; log a slow sensor faster if its bandwidth matters."),
     "role-not-used": Code(
         NOTE_OR_WARNING,
-        "Roles of the recording that this step does not use, with the reason of each. It is a warning where the "
-        "drive has no such body or shaft.",
-        "Give the drive the body, or take the role out of the channel map."),
+        "This step does not use some roles of the recording; the text states the reason for each. It is a warning "
+        "where the drive has no such body or shaft.",
+        "Give the drive the body, or remove the role from the channel map."),
     "samples-missing": Code(
         WARNING,
         "Single samples of a channel are missing, or are not a number, infinite or impossibly large. The torque "
@@ -111,32 +111,32 @@ CODES = {
         "Use the angle as the output and leave the speed out of the channel map."),
     "time-stamps-invalid": Code(
         WARNING,
-        "Samples have no usable time stamp, repeat the one before, or are out of order. Those out of order are "
-        "sorted, the others are left out.",
+        "Samples have no usable time stamp, repeat the previous time stamp, or are out of order. Those out of "
+        "order are sorted, the others are left out.",
         "Check the recorder and the resolution of its clock."),
     "topic-duplicated": Code(
         WARNING,
-        "Two channels of an MCAP topic hold the same messages, byte for byte, as from two recorders. The one with "
-        "more messages is used.",
+        "Two channels of an MCAP topic hold the same messages, byte for byte, for example from two recorders. The "
+        "one with more messages is used.",
         "Check whether two recorders ran; record once."),
     "torque-missing": Code(
         NOTE_OR_WARNING,
-        "The input torque has no value at some samples. The recording is cut into segments there, since a model "
-        "cannot run without its input.",
+        "The input torque has no value at some samples. The recording is cut into segments there, since a "
+        "simulation needs its input.",
         "Check the recorder."),
     "units-mixed": Code(
         NOTE_OR_WARNING,
         "The torque of a recording is a force while its motion is an angle, or the other way round. The estimated "
-        "inertias then have a mixed unit. In a trend, the recordings of a machine state one parameter in several "
-        "units. Each unit is then a series of its own, a note.",
+        "inertias then have a unit that mixes rotation and translation. In a trend, the recordings of a machine "
+        "state one parameter in several units. Each unit then forms a separate series (note).",
         "Check the units of both channels; give all recordings of a machine one unit of torque, by a channel map "
         "or a torque constant."),
     "value-wraps": Code(
         WARNING,
         "An angle, a torque or a speed jumps by the range of its counter, 2^8 to 2^32 counts for a register. "
-        "Counters that start again do that, and negative numbers that were read as unsigned. The jumps are left "
-        "in.",
-        "Set `wrap` for this role in the channel map to the range of the counter; then the jumps are undone."),
+        "Causes are counters that overflow, and negative numbers that were read as unsigned. The jumps are not "
+        "corrected.",
+        "Set `wrap` for this role in the channel map to the range of the counter; then the signal is unwrapped."),
     "wrap-ambiguous": Code(
         WARNING,
         "An angle with the stated `wrap` moves by almost half its range between neighbouring samples, so the "

@@ -5,15 +5,15 @@ from drivetool.finding_codes.code import NOTE, NOTE_OR_WARNING, WARNING, Code
 CODES = {
     "coast-down-assumed": Code(
         NOTE,
-        "No torque is logged, or zeros only, and the drive runs down. The recording is taken as a coast-down from "
-        "where the speed has left its highest value.",
-        "Say so with `--method coast-down`; leave out what belongs to the switching with `--flux-decay`, or "
+        "No torque is logged, or zeros only, and the drive slows down. The recording is taken as a coast-down "
+        "from the time at which the speed begins to fall from its maximum.",
+        "State it with `--method coast-down`; exclude the switching transient with `--flux-decay`, or "
         "`--condition 'keep from=..'`."),
     "constant-load": Code(
         NOTE_OR_WARNING,
-        "A constant torque or force acts beside the friction. Recordings at constant torque differ in it by more "
-        "than noise explains, or the drive turns both ways and has an idle torque. In a vehicle on a road that "
-        "was driven up and down, that force over the weight is the slope.",
+        "A constant torque or force acts in addition to friction. Its estimates from recordings at constant "
+        "torque differ by more than noise explains, or the drive turns both ways and has an idle torque. If a "
+        "vehicle drives up and down a road, the ratio of this force to the weight is the slope.",
         "Look for what changed between the recordings: a load, a slope, wind, the temperature."),
     "idle-torque-not-separable": Code(
         NOTE,
@@ -23,45 +23,46 @@ CODES = {
         says="sum"),
     "location-not-identifiable": Code(
         NOTE,
-        "The record does not determine on which body a friction or another law acts. Constant speeds give the sum "
-        "over all bodies. A law that was found explains the record equally well on another body: the log "
+        "The record does not determine on which body friction or another effect acts. Constant speeds give the "
+        "sum over all bodies. An identified effect explains the record equally well on another body: the log "
         "likelihoods differ by less than 4.",
-        "Log the shaft torque, or look at both ends of the drive; for Coulomb friction record many slow "
+        "Log the shaft torque, or inspect both ends of the drive; for Coulomb friction record many slow "
         "reversals."),
     "negative-estimate": Code(
         NOTE_OR_WARNING,
         "An estimated friction or shaft damping is negative, which is not physical, and is set to zero. It is a "
-        "warning where its whole interval of two standard deviations is negative. Viscous friction is then "
-        "negative where friction falls with speed (Stribeck effect).",
+        "warning where the estimate lies more than two standard deviations below zero. The estimate of viscous "
+        "friction is negative where friction falls with speed (Stribeck effect).",
         "Check for a load that changes, for the Stribeck effect, and for a wrong sign of torque or speed. For the "
         "damping of a shaft leave more time between torque steps."),
     "nonlinear-friction": Code(
         WARNING,
-        "The friction is not a line over the speed. At constant torque a quadratic term is significant by more "
+        "Friction is not a linear function of speed. At constant torque a quadratic term is significant by more "
         "than four standard deviations; or a coast-down leaves a residual beyond the quantisation of the sensor. "
-        "Drag of the air, Stribeck friction, breakaway friction and pairs of them are then fitted. The likeliest "
-        "is stated, with others within a log likelihood of 10, and its gain on another coast-down from the same "
-        "speed.",
+        "Air drag, Stribeck friction, breakaway friction and pairs of them are then fitted. The text states the "
+        "likeliest, others within a log likelihood of 10, and the error reduction on another coast-down from the "
+        "same speed.",
         "Fit the stated law with `steady --method coast-down --free`, or `greybox --free motor.drag`; where none "
         "is stated, look at the picture."),
     "ratios-only": Code(
         NOTE,
-        "Without a torque, inertia and friction multiplied by one number give the same coast-down. Only their "
+        "Without a torque, inertia and friction scaled by a common factor give the same coast-down. Only their "
         "ratios have intervals. `validate` simulates such a file with an inertia of one, and its figures do not "
         "assess the inertia.",
-        "Record a stretch under a logged torque, or repeat with a known inertia added, or hold what is known."),
+        "Record a stretch under a logged torque, or repeat with a known inertia added, or hold a known inertia or "
+        "friction."),
     "rotating-parts-unknown": Code(
         WARNING,
         "Intervals of constant torque determine the total inertia that the motor accelerates. The inertia of a "
         "part of it is not known, so the stated mass or inertia contains that part, and has no interval.",
-        "Give the inertia with `--set`, or fit a recording with the load clamped beside this one."),
+        "Give the inertia with `--set`, or fit this recording together with one in which the load is clamped."),
     "scatter-beyond-noise": Code(
         WARNING,
         "Steady points scatter about the friction line more than their noise explains (chi-square test at 1 %), "
         "or several coast-downs of one drive have different ratios of friction to inertia. The intervals are "
-        "widened, or are those of the mean over such recordings.",
+        "widened, or are intervals of the mean over such recordings.",
         "Look at the picture: a bend is nonlinear friction, scatter at one speed is a load that changes. Record "
-        "when the temperature has settled; check an inertia that was added or is held."),
+        "when the temperature has settled; check the added or the held inertia."),
     "single-speed": Code(
         WARNING,
         "All steady intervals have one speed. The slope and the offset of the friction line are not identifiable "
@@ -69,18 +70,18 @@ CODES = {
         "Record steady intervals at two or more very different speeds."),
     "staged-fit": Code(
         NOTE_OR_WARNING,
-        "The coast-down was fitted window by window (`--stages`). A window holds what a later one fits at its "
-        "start value, zero if none is known, and takes the error of that into its own values. They are compared "
-        "with the fit of all at once; more than two of its standard deviations are a warning.",
-        "Leave out `--stages`: the joint fit needs no more than the same recording."),
+        "The coast-down was fitted window by window (`--stages`). Each window holds the parameters of later "
+        "windows at their start values (zero if unknown), which biases its estimates. The text compares the "
+        "staged fit with the joint fit; a difference of more than two of its standard deviations is a warning.",
+        "Leave out `--stages`: the joint fit uses the same recording."),
     "stretches-left-out": Code(
         NOTE,
-        "Stretches of the recording are left out: steady intervals at standstill, where static friction takes any "
-        "torque, or those in which the supply of an induction motor is off.",
+        "Stretches of the recording are left out: steady intervals at standstill, where static friction balances "
+        "any torque, or those in which the supply of an induction motor is off.",
         "Nothing; read a coast-down with the supply off with `steady --method coast-down`."),
     "torque-contradicts-motion": Code(
         WARNING,
-        "Coast-downs follow the fitted friction, but under a torque, or a supply, the motion is not the one that "
-        "this torque gives. The inertia is wrong by as much as the torque.",
+        "Coast-downs follow the fitted friction, but under a torque, or a supply, the measured motion contradicts "
+        "this torque. The inertia has the same relative error as the torque.",
         "Check the scale of the torque, or the electrical values of the motor and its voltage."),
 }
