@@ -80,7 +80,7 @@ def test_a_clamp_that_is_none(call, tmp_path, words, message):
 def test_a_bus_that_rolls_is_not_clamped(call):
     log = FOLDER / "acceleration.parquet"
     code, _, err = call("greybox", log, *clamped(log), *DRIVE)
-    assert code not in (0, 3) and "turns on at" in err and "clamp it and record again" in err
+    assert code not in (0, 3) and "rotates at" in err and "clamp it and record again" in err
 
 
 def test_steady_of_an_acceleration_names_the_method(call):

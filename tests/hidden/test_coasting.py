@@ -209,11 +209,11 @@ BAD = {
     "one speed": ((*COAST,), RUN_DOWN),
     "zeros and one speed": ((*COAST,), RUN_DOWN),
     "zeros and standing": ((*COAST,), ("only constant signals", "record while the drive is excited")),
-    "sixteen bits": ((*COAST,), ("starts again", "`wrap: 65536`")),
-    "twelve bits": ((*COAST,), ("starts again", "`wrap: 4096`")),
+    "sixteen bits": ((*COAST,), ("an unwrapped angle", "`wrap: 65536`")),
+    "twelve bits": ((*COAST,), ("an unwrapped angle", "`wrap: 4096`")),
     "nothing added": (
         ("disc.parquet", *COAST, "--record", "disc.parquet", "motor.added_inertia=5e-5"),
-        ("that the added inertia slows", "record again with one about as large")),
+        ("in the coast-down with the added inertia", "record again with one about as large")),
     "more than the whole": (
         ("--method", "coast-down", "--drive", "two-mass", "--set", "motor.inertia=2e-4", "--hold", "motor.inertia"),
         ("8.75e-05 kg m^2", "a record of the motor alone")),

@@ -136,7 +136,7 @@ def test_three_slopes_are_not_up_and_down():
             for seed, slope in ((31, 2.0), (32, -2.0), (33, 0.0))]
     found = steady(runs, KNOWN, METHOD)
     finding, = [f for f in found.findings if f.code == "constant-load"]
-    assert finding.severity == "warning" and "slopes" not in finding.text
+    assert finding.severity == "warning" and "slope" not in finding.text
     idle = lines_of(found)["total.idle_torque"]
     assert idle.ci95[0] < BUS["wheels.idle_torque"] / 8.79 < idle.ci95[1]
     close(lines_of(found)["wheels.carried_mass"], MASS)

@@ -17,7 +17,7 @@ START = ("motor.inertia", "load.inertia", "motor.viscous", "load.viscous", "load
 @pytest.mark.slow
 @pytest.mark.parametrize(("role", "factor", "said"), [
     ("motor_speed", 60.0 / (2.0 * np.pi), "rpm"), ("motor_speed", 180.0 / np.pi, "degrees"),
-    ("motor_torque", 1e-3, "kNm"), ("motor_torque", 20.0, "has 20 times"), ("motor_speed", 1.2, None)])
+    ("motor_torque", 1e-3, "kNm"), ("motor_torque", 20.0, "is 20 times"), ("motor_speed", 1.2, None)])
 def test_one_factor_on_everything_is_said(role, factor, said):
     machine = machine_by_seed(20)
     record = linear_record(machine, 20, duration=3.0)

@@ -182,8 +182,8 @@ def _common_line_findings(spans: Sequence[Span]) -> list[Finding]:
         return []
     return [Finding(
         "warning", "scatter-beyond-noise",
-        "The intervals of constant torque do not follow one inertia and one friction line: the residual "
-        f"exceeds its noise (probability {probability:.1g}).", {"probability": probability},
+        "One inertia and one friction line do not explain the intervals of constant torque: the residual "
+        f"exceeds its noise (p-value {probability:.1g}).", {"probability": probability},
         "Check the sign of the torque in every interval; look for a load, a slope or a brake that acts in some of "
         "them, and for nonlinear friction.")]
 
@@ -208,7 +208,7 @@ def as_drive_parameters(found: Estimate, drive: Drive, rigid: RigidDrive) -> Est
     lines = {p.name: _as_drive_parameter(p, drive, rigid) for p in found.parameters if p.name in rigid.names}
     values = {p.name: p.value for p in lines.values() if np.isfinite(p.value)}
     if values[rigid.target] <= 0.0:
-        raise BadParameters(f"rotating parts that are smaller than what the motor accelerates, "
+        raise BadParameters(f"inertias of the rotating parts below the total inertia that the motor accelerates, "
                             f"{found.drive.values['motor.inertia']:.4g} {drive.unit(f'{drive.bodies[0]}.inertia')}",
                             f"{rigid.rest:.4g} at the motor", "Correct their inertias, or the "
                             "ratio; a record of the motor alone identifies its inertia.")
@@ -238,7 +238,7 @@ def _as_drive_parameter(p: Parameter, drive: Drive, rigid: RigidDrive) -> Parame
         return p
     value = rigid.factor * (p.value - rigid.rest)
     if rigid.unknown:
-        reason = f"{' and '.join(rigid.unknown)} not known, and counted in it"
+        reason = f"{' and '.join(rigid.unknown)} not known; included in this value"
         return replace(p, value=value).without_interval(reason, "not-identifiable")
     if p.std is None:
         return replace(p, value=value).without_interval(p.reason, p.status)
@@ -272,10 +272,11 @@ def _unknown_rest_findings(rigid: RigidDrive, estimate: Estimate, drive: Drive) 
     value, unit = estimate.drive.values[rigid.target], drive.unit(rigid.target)
     return [Finding(
         "warning", "rotating-parts-unknown",
-        f"{' and '.join(rigid.unknown)} {'is' if len(rigid.unknown) == 1 else 'are'} not known, so that "
-        f"{rigid.target} = {value:.5g} {unit} includes that.", {rigid.target: value},
-        f"Give it with --set {rigid.unknown[0]}=VALUE, or fit a record with the {drive.bodies[-1]} clamped beside "
-        f"this one: greybox --record FILE clamped={drive.bodies[-1]}.")]
+        f"{' and '.join(rigid.unknown)} {'is' if len(rigid.unknown) == 1 else 'are'} not known; "
+        f"{rigid.target} = {value:.5g} {unit} includes {'it' if len(rigid.unknown) == 1 else 'them'}.",
+        {rigid.target: value},
+        f"Give it with --set {rigid.unknown[0]}=VALUE, or fit this recording together with one in which the "
+        f"{drive.bodies[-1]} is clamped: greybox --record FILE clamped={drive.bodies[-1]}.")]
 
 
 def _outcome_text(spans: Sequence[Span], experiments: Sequence[Experiment], drive: Drive) -> str:
@@ -298,7 +299,7 @@ def _value_and_std(found: Estimate, name: str) -> dict[str, float | None]:
 
 
 def _friction_plot(spans: Sequence[Span], rigid: Drive, drive: Drive) -> PlotData:
-    """The torque less the acceleration's, which is friction, over the speed."""
+    """The torque minus inertia times acceleration, which is friction, over the speed."""
     value = {n: rigid.value(f"motor.{n}") for n in ("inertia", "viscous", "idle_torque", "coulomb")}
     speed = np.concatenate([s.speed for s in spans])
     friction = np.concatenate([s.torque - value["inertia"] * s.slope for s in spans])
@@ -307,6 +308,6 @@ def _friction_plot(spans: Sequence[Span], rigid: Drive, drive: Drive) -> PlotDat
         if side := [float(w) for w in speed if np.sign(w) == sign]:
             ends = np.array([min(side), max(side)])
             curves[name] = (ends, value["idle_torque"] + value["viscous"] * ends + sign * value["coulomb"])
-    return PlotData("steady", "Torque less what accelerates", f"speed [{drive.motion_unit}/s]",
-                   f"torque [{drive.torque_unit}]", curves)
+    return PlotData("steady", "Torque minus inertia times acceleration (friction)",
+                    f"speed [{drive.motion_unit}/s]", f"torque [{drive.torque_unit}]", curves)
 

@@ -131,23 +131,26 @@ def road_slope_findings(found: RoadFit, estimate: Estimate, drive: Drive, target
     if found.along is None or (suffix != "carried_mass" and found.by_record):
         return [Finding(
             "warning", "constant-load",
-            f"The recordings have different constant torques, {low:.4g} to {high:.4g} {unit}. The stated one is "
-            "their mean, and its interval includes their scatter.", dict(found.by_record),
+            f"The recordings have different constant torques, {low:.4g} to {high:.4g} {unit}. The stated "
+            "constant torque is their mean, and its interval includes their scatter.", dict(found.by_record),
             "Look for what changed between them: a load, a slope, the temperature.")]
     size, std = found.along, found.std
     if suffix != "carried_mass":
         return [Finding(
-            "note", "constant-load", f"In both directions {size:.4g} +- {std:.2g} {unit} act.",
-            {"torque": size, "std": std}, "Look for what pulls: a weight, a slope, an offset of the torque.")]
+            "note", "constant-load", f"A constant torque of {size:.4g} +- {std:.2g} {unit} acts, independent of "
+            "the direction of motion.", {"torque": size, "std": std},
+            "Look for the cause: a weight, a slope, an offset of the torque channel.")]
     mass = next(p for p in estimate.parameters if p.name == target)
     force = drive.gear_ratios()[-1] / estimate.drive.value(f"{owner}.radius")
     slope = 100.0 * force * size / (mass.value * STANDARD_GRAVITY)
     error = abs(slope) * float(np.hypot(std / size, (mass.std or 0.0) / mass.value))
-    text = f"In both directions {size:.4g} +- {std:.2g} {unit} act: the road slopes {slope:.3g} +- {error:.1g} %."
+    text = (f"A constant torque of {size:.4g} +- {std:.2g} {unit} acts, independent of the direction of motion: "
+            f"the slope of the road is {slope:.3g} +- {error:.1g} %.")
     if found.by_record:
         text = (f"The recordings have different constant torques, {low:.4g} to {high:.4g} {unit}, and the stated "
-                f"interval includes their scatter. If they drive one road up and down, it slopes {slope:.3g} +- "
-                f"{error:.1g} %, and the constant torque is {found.mean:.5g} +- {found.mean_std:.2g}.")
+                f"interval includes their scatter. If they were recorded on one road in both directions, its slope "
+                f"is {slope:.3g} +- {error:.1g} %, and the constant torque is {found.mean:.5g} +- "
+                f"{found.mean_std:.2g}.")
     return [Finding(
         "note", "constant-load", text,
         {"slope_percent": slope, "std": error, "force": force * size} | (

@@ -24,7 +24,8 @@ MAX_SCATTER_RATIO = 1.5
 MIN_TORQUE_DIFFERENCE = 0.02
 MIN_SPEED_CHANGE = 0.05  # of the fastest speed, by which some span must change it: less is a constant speed
 ACCELERATION_ADVICE = (
-    "Record at constant torque up and coast down, from standstill or a low speed to a high one, some seconds each.")
+    "Accelerate at constant torque from standstill or a low speed to a high one, and let the drive coast down, "
+    "some seconds each.")
 
 
 @dataclass(frozen=True)
@@ -58,8 +59,8 @@ def spans_of(experiments: Sequence[Experiment]) -> list[Span]:
     size = float(np.abs(torques).max())
     if np.ptp(torques) <= MIN_TORQUE_DIFFERENCE * size:
         raise NotEnoughData(
-            "constant torques of two sizes, such as one that accelerates and none", f"only {torques.mean():.4g} "
-            f"{experiments[0].torque_unit}",
+            "constant torques of two sizes, for example an accelerating one and zero",
+            f"only {torques.mean():.4g} {experiments[0].torque_unit}",
             f"One level alone identifies ratios, not the mass. {ACCELERATION_ADVICE}")
     fastest = max(float(np.abs(s.speed).max()) for s in found)
     if max(float(np.ptp(s.speed)) for s in found) < MIN_SPEED_CHANGE * fastest:

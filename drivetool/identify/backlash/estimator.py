@@ -258,7 +258,8 @@ def _with_profile_interval(estimate: Estimate, name: str, found: Profile) -> Est
         findings.append(Finding(
             "note", "gap-not-significant",
             f"{name} is not distinguishable from zero; it is at most {found.high:.3g} {line.unit}.",
-            {"at_most": found.high}, "Smaller torque steps around zero shaft torque show smaller gaps.", name))
+            {"at_most": found.high},
+            "Record smaller torque steps around zero shaft torque to identify smaller gaps.", name))
     else:
         # The profile is of one candidate model: the disagreement between the candidates is added.
         structure = Z95 * (line.std_structure or 0.0)
@@ -333,7 +334,7 @@ def _unopened_estimate(task: Task, drive: Drive, unopened: Sequence[str], closed
         findings.append(Finding(
             "warning", "gap-not-opened",
             f"The shaft torque stays between {c.least:.3g} and {c.most:.3g} {drive.torque_unit} and never changes "
-            f"sign: this record does not open the gap, and does not identify {g}.",
+            f"sign: the gap does not open in this record, and {g} is not identifiable.",
             {"least_shaft_torque": c.least, "largest_shaft_torque": c.most},
             "Record alternating torque steps larger than the idle torque.", g))
         value = drive.value(g) or 0.0

@@ -21,8 +21,8 @@ MIN_BLACKBOX_SHAFT_GAIN = 20.0
 # long record a significant error may be small, and in a short one a large error may be noise.
 CONVERSION_ERROR_STDS, CONVERSION_ERROR_SHARE = 4.0, 0.1
 BINS_PER_DECADE = 12  # a choice: a bin of 21 % width is narrower than the band of 1.3 about the resonance
-RECORDING_ADVICE = ("Record torque steps upward from a constant speed, sudden ones, as large as the drive allows, "
-          "with several periods of the oscillation between them.")
+RECORDING_ADVICE = ("Record sudden torque steps upward from a constant speed, as large as the drive allows, "
+                    "several oscillation periods apart.")
 
 
 def why_no_shaft(gain: float) -> str:
@@ -51,11 +51,11 @@ def blackbox_findings(task: Task, lines: Sequence[Parameter], lack: tuple[str, .
             found += _band_findings(details["resonance"]["hz"]["value"], traces, runs)
         found += _sampling_rate_findings(details["resonance"]["hz"]["value"], traces)
     if not lack and task.drive.shafts:
-        found += opened_gap_findings(task, "the black box has none")
+        found += opened_gap_findings(task, "the black-box model has none")
     if reverses(task.experiments):
         found.append(Finding(
-            "warning", "direction-changes", "The motor turns both ways in this record: Coulomb friction "
-            "changes its sign, and the black box has none.", {},
+            "warning", "direction-changes", "The motor reverses in this record: Coulomb friction changes its "
+            "sign, and the linear black-box model does not include it.", {},
             "Use a record of one direction, or go on to greybox."))
     return found
 
@@ -84,8 +84,8 @@ def _parameter_findings(line: Parameter, drive: Drive) -> list[Finding]:
     if line.status == "at-bound":
         certainly_negative = line.ci95 is not None and line.ci95[1] <= 0.0
         return [Finding("warning" if certainly_negative else "note", "negative-estimate",
-                        f"{line.name} {line.reason}; it was set to zero.", {},
-                        "With more time between the steps the record contains the decay of the oscillation.",
+                        f"{line.name} is {line.reason}; the value is set to zero.", {},
+                        "Leave more time between torque steps, so that the oscillation decays.",
                         line.name)]
     return []
 
@@ -99,10 +99,11 @@ def _conversion_findings(details: Mapping) -> list[Finding]:
         return []
     return [Finding(
         "warning", "residual-conversion-error",
-        f"The coefficient that the conversion does not use, b1, is {error['b1']:.4g}; two masses with a shaft "
-        f"have {error['b1_from_parameters']:.4g}, {abs(error['in_std']):.1f} standard deviations away.", error,
-        "A lag or dead time between logged torque and motor does this, or a filter on the speed, or other "
-        "friction: state what is known of them, then see greybox and diagnose.")]
+        "The conversion to two masses leaves an error in b1, a coefficient that it does not use. It is "
+        f"{error['b1']:.4g}; the converted parameters imply {error['b1_from_parameters']:.4g}, a difference of "
+        f"{abs(error['in_std']):.1f} standard deviations.", error,
+        "Possible causes: a lag or dead time of the torque, a filter of the speed, another friction law. State "
+        "what is known of them, then run greybox and diagnose.")]
 
 
 def _sampling_rate_findings(resonance: float, traces: Sequence[Trace]) -> list[Finding]:
@@ -126,8 +127,8 @@ def _band_findings(resonance: float, traces: Sequence[Trace], runs: Sequence[np.
     best = float(np.sqrt(ratio[near].max())) if near.any() else 0.0
     return [Finding(
         "warning", "resonance-out-of-range",
-        f"The resonance of {resonance:.4g} Hz lies where the torque moves the drive less than the noise "
-        f"does; the record excites {band}.", {"resonance": resonance, "signal_over_noise": best}, RECORDING_ADVICE)]
+        f"At the resonance of {resonance:.4g} Hz the response to the torque is below the noise; the record "
+        f"excites {band}.", {"resonance": resonance, "signal_over_noise": best}, RECORDING_ADVICE)]
 
 
 def excitation(traces: Sequence[Trace], runs: Sequence[np.ndarray]) -> tuple[np.ndarray, np.ndarray]:

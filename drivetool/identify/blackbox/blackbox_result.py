@@ -158,7 +158,7 @@ def converted(physical: PhysicalModel, outcome: Outcome, c: Mapping[str, Dual], 
         low, high = physical.drive.quantity(name).bounds
         value = numbers[key].v if key in numbers else low
         if value > high or (value < low and key not in ("damping", VISCOUS)):
-            return {}, (f"{name} comes out as {value:.4g}, which is not physical",
+            return {}, (f"{name} is estimated as {value:.4g}, which is not physical",
                         "no-conversion")
     return numbers, ()
 
@@ -216,10 +216,10 @@ def _converted_parameter(
     if key in ("damping", VISCOUS) and value <= 0.0:
         upper = (0.0, max(0.0, value + QUANTILE_95_ONE_SIDED * std)) if std is not None else None
         return Parameter(name, 0.0, *common, None, upper, "at-bound",
-                         f"came out as {value:.4g}, but damping cannot be negative")
+                         f"estimated as {value:.4g}, but damping cannot be negative")
     if std is None:
         return Parameter(name, value, *common, status="not-identifiable",
-                         reason="the record has no information on it")
+                         reason="the record has no information on this parameter")
     if key != "offset" and std > value:
         return Parameter(name, value, *common, status="not-identifiable",
                          reason=f"its standard deviation ({std:.2g}) is larger than itself")

@@ -187,11 +187,11 @@ def why_impossible(values: Mapping[str, float]) -> str:
     """Why coefficients are not those of a drive, in words; empty if they can be."""
     if "b" in values:
         return "" if values["b"] > 0.0 else (
-            "the speed does not rise with a constant torque (b <= 0): the inertia comes out negative")
+            "the speed does not rise with a constant torque (b <= 0): the estimated inertia is negative")
     if values["b0"] <= 0.0 or values["a1"] <= 0.0:
-        return "the speed does not rise with a constant torque (b0 <= 0): the total inertia comes out negative"
+        return "the speed does not rise with a constant torque (b0 <= 0): the total inertia is negative"
     if values["b2"] <= 0.0:
-        return "the speed does not rise at once with torque (b2 <= 0): the motor inertia comes out negative"
+        return "the initial acceleration is not positive (b2 <= 0): the motor inertia is negative"
     if values["a1"] * values["b2"] <= values["b0"]:
-        return "motor and load together come out lighter than the motor alone (a1/b0 <= 1/b2)"
+        return "the total inertia is below the motor inertia (a1/b0 <= 1/b2)"
     return ""

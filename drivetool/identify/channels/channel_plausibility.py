@@ -41,8 +41,8 @@ def suspect_channel_findings(start: Task, after: Drive, explained: bool = False)
     if inertia_ratio is not None and inertia_ratio < 0.0:
         return [Finding(
             "warning", "suspect-sign",
-            "By its records the drive slows down under the torque that should accelerate it: torque and motion "
-            "have opposite sign conventions.",
+            "In the records the drive decelerates under the torque that should accelerate it: torque and "
+            "motion have opposite sign conventions.",
             {"factor": inertia_ratio}, "Invert one of them in the channel map, with sign: -1.")]
     if explained and start.drive.referred_inertia > 0.0:
         factor = after.referred_inertia / start.drive.referred_inertia
@@ -60,10 +60,10 @@ def suspect_unit_findings(factor: float) -> list[Finding]:
     distances = {text: abs(np.log(factor * size)) for size, text in both}
     likely = [text for text, off in distances.items()
               if off < min(np.log(UNIT_FACTOR_TOLERANCE), 1.01 * min(distances.values()))]
-    likely = f", as {' or '.join(likely)} would make it" if likely else ""
+    likely = f"; a possible cause is {' or '.join(likely)}" if likely else ""
     return [Finding(
         "warning", "suspect-unit",
-        f"By its records the drive has {factor:.2g} times the inertia of its start values{likely}.",
+        f"The inertia estimated from the records is {factor:.2g} times its start value{likely}.",
         {"factor": factor}, "Check the units of torque and motion in the channel map, or the start values.")]
 
 

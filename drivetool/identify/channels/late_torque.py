@@ -171,11 +171,11 @@ def _shift_finding(way: int, samples: int, gain: float, experiments: Sequence[Ex
     count = "one sample" if samples == 1 else f"{samples} samples"
     one_rate = len({round(e.step, 12) for e in experiments}) == 1
     entry = f"`shift: {shift:.6g}`" if one_rate else f"a `shift` of {'minus ' if shift < 0 else ''}{count}"
-    text = {EARLIER: f"is logged {count} late: the motion responds before it is logged",
-            LATER: f"is logged {count} early: the motion responds {count if samples > 1 else 'a sample'} later "
-                   "than it should"}
+    text = {EARLIER: f"is logged {count} late: the motion responds before the logged torque changes",
+            LATER: f"is logged {count} early: the motion responds {count} too late"}
     more = "" if way == EARLIER else " A dead time or a lag of the converter, or a filter of the speed, " \
-        "looks the same; then free converter.dead_time or converter.bandwidth, or set sensor.bandwidth, instead."
+        "has the same effect; in that case free converter.dead_time or converter.bandwidth, or set " \
+        "sensor.bandwidth, instead."
     return Finding("warning", "torque-shifted", f"The torque {text[way]}.",
                    {"shift": float(shift), "log_likelihood": float(gain)},
                    f"Write {entry} for {TORQUE_ROLE} in the channel map.{more}")
@@ -186,12 +186,12 @@ def _low_pass_finding(way: int, best: ShiftedFit, experiments: Sequence[Experime
     step = experiments[0].step
     if way == EARLIER:
         return Finding(
-            "warning", "torque-filtered", "The logged torque is the acting torque after a low-pass of "
+            "warning", "torque-filtered", "The logged torque is low-pass filtered with a time constant of "
             f"about {best.time * step:.2g} s; no `shift` corrects that.",
             {"time_constant": float(best.time * step), "log_likelihood": float(best.gain)},
             "Log the torque in front of its filter, or the command.") if best.time else None
     return Finding(
-        "warning", "input-delay", f"The motion follows the torque about {best.samples * step:.2g} s later than the "
-        "model does, and not by whole samples: the converter has a lag or a dead time, or the speed is filtered.",
+        "warning", "input-delay", f"The motion lags the model by about {best.samples * step:.2g} s, not a whole "
+        "number of samples: the converter has a lag or a dead time, or the speed is filtered.",
         {"delay": float(best.samples * step), "log_likelihood": float(best.gain)},
         "Free converter.bandwidth or converter.dead_time, or set sensor.bandwidth.")

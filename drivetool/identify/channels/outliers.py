@@ -81,8 +81,8 @@ def _outlier_finding(before: Outcome, after: Outcome, times: Sequence[float]) ->
                if n.endswith((".inertia", ".stiffness", ".carried_mass")) else 0.0)
     return Finding(
         "warning", "outliers-left-out",
-        f"{len(times)} samples, at {when} s, lie more than {REFIT_OUTLIER_STDS:.0f} standard deviations off their "
-        f"one-step prediction: glitches of a sensor, or knocks. They were left out, which moved {name} by "
+        f"{len(times)} samples, at {when} s, lie more than {REFIT_OUTLIER_STDS:.0f} standard deviations from their "
+        f"one-step prediction: sensor glitches or impacts. Leaving them out changes {name} by "
         f"{100.0 * (moved[name][1] / moved[name][0] - 1.0):.2g} %.",
         {"count": len(times), "instants": " ".join(f"{t:g}" for t in instants[:MAX_LISTED_INSTANTS])},
-        "Look at these instants. Steps of an encoder need nothing more; for knocks and impacts run diagnose.")
+        "Look at these instants. Encoder quantisation steps need no action; for impacts run diagnose.")

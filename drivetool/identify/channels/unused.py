@@ -60,7 +60,8 @@ def unused_roles(experiments: Sequence[Experiment], used: Collection[str], drive
     return [Finding(
         "warning" if impossible else "note", "role-not-used",
         f"{step} does not use {', '.join([*impossible, *unused])}.", {"roles": len(unused) + len(impossible)},
-        f"Name the bodies and shafts of the drive like the roles (drive: bodies: [{', '.join(drive.bodies)}])."
+        "Give the bodies and shafts of the drive the names that the roles use "
+        f"(drive: bodies: [{', '.join(drive.bodies)}])."
         if drive and impossible else "")]
 
 
@@ -83,4 +84,4 @@ def _why_unused(role: str, common: Collection[str], used: Collection[str], drive
         return "not in every recording"
     choices = next((c for c in sensors_of(drive) if role in c), ()) if drive else ()
     alternative = next((c for c in choices if c in used), None)
-    return f"{alternative} is used for it" if alternative else "not requested"
+    return f"{alternative} is used instead" if alternative else "not requested"

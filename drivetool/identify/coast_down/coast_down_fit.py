@@ -211,8 +211,8 @@ def _refuse_wrong_motion(run: Run, simulated: np.ndarray) -> None:
     followed = 1.0 - float(np.sqrt(np.mean((y - simulated[r.known]) ** 2)) / np.std(y))
     if not followed > MIN_FOLLOWED_MOTION:
         raise BadRecording(
-            f"a motion of {run.name} that some inertia and friction explain",
-            f"{max(100.0 * followed, 0.0):.2g} % of it",
+            f"a motion of {run.name} that its torque, an inertia and friction explain",
+            f"a fit of {max(100.0 * followed, 0.0):.2g} %",
             "Check the sign and scale of the torque; of an induction motor its pole pairs, resistances, "
             "inductances and the voltage.")
 

@@ -205,9 +205,10 @@ def _check_scale(drive: Drive, fitted: CoastDownFit, scale: Scale) -> None:
         names = [n.partition(RECORD_MARK)[2] for n, v in drive.values.items() if v
                  and f".added_inertia{RECORD_MARK}" in n]
         raise NotEnoughData(
-            "a coast-down that the added inertia slows", f"{', '.join(names)}, as fast as without it within noise",
-            "Check that it was on and that --record names its recording; record again with one about as large as "
-            "the drive's own.")
+            "a lower deceleration in the coast-down with the added inertia",
+            f"{', '.join(names)}, with no significant change of the deceleration",
+            "Check that the inertia was mounted and that --record names its recording; record again with one about "
+            "as large as the drive's own.")
 
 
 def _with_start_values(drive: Drive, runs: Sequence[Run], stretches: Sequence[Stretch], scale: Scale,
@@ -298,7 +299,7 @@ def _parameter_lines(own: Drive, ended: Drive, free: Sequence[str], fitted: Coas
             lines.append(Parameter(name, own.value(name), unit, initial, status="held", reason="held by --hold"))
         elif name not in free and name != INERTIA:
             lines.append(Parameter(name, own.value(name) or 0.0, unit, initial, status="not-identifiable",
-                                   reason="one direction only: counted in the Coulomb friction"))
+                                   reason="one direction only: included in the Coulomb friction"))
         elif not scale.known and (name == INERTIA or _has_torque_unit(ended, name)):
             lines.append(Parameter(name, initial if initial is not None else np.nan, unit, initial,
                                    status="not-identifiable",
@@ -308,7 +309,7 @@ def _parameter_lines(own: Drive, ended: Drive, free: Sequence[str], fitted: Coas
             low = ended.quantity(name).bounds[0]
             if unidentified(name, free, fitted):
                 lines.append(Parameter(name, value, unit, initial, status="not-identifiable",
-                                       reason="it hardly affects these coast-downs"))
+                                       reason="it has no significant effect on these coast-downs"))
                 continue
             lines.append(Parameter(
                 name, value, unit, initial, std, (max(value - Z95 * std, low), value + Z95 * std)))

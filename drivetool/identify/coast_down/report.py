@@ -34,7 +34,7 @@ OVER_INERTIA = {"{T}": "{q}/s^2", "{T} s/{q}": "1/s", "{T} s^2/{q}^2": "1/{q}", 
 # Factor of the friction between coast-downs beyond which a wrong inertia is likelier: between consecutive records a
 # bearing that warms up loses some ten per cent.
 MAX_THERMAL_FACTOR = 2.0
-LAW_TEXTS = {"drag": "drag of the air", "stribeck": "Stribeck friction", "breakaway": "breakaway friction"}
+LAW_TEXTS = {"drag": "air drag", "stribeck": "Stribeck friction", "breakaway": "breakaway friction"}
 
 
 @dataclass(frozen=True)
@@ -196,7 +196,7 @@ def outcome_text(stretches: Sequence[Stretch], experiments: Sequence[Experiment]
     """One sentence."""
     off = [s for s in stretches if s.off]
     seconds = sum((s.last - s.first) * experiments[s.recording].step for s in off)
-    scale = f"torques by {' and '.join(by)}" if by else "only ratios to the inertia, as no torque is known"
+    scale = f"torque scale from {' and '.join(by)}" if by else "only ratios to the inertia, as no torque is known"
     return f"{len(off)} coast-down{'s' if len(off) > 1 else ''} without torque, {seconds:.4g} s; {scale}."
 
 
@@ -219,8 +219,9 @@ def coast_down_findings(
     found = []
     if not by:
         found.append(Finding(
-            "note", "ratios-only", "Nothing here fixes the scale of the torques: inertia and friction times a "
-            "common factor give the same coast-down, so only the ratios under derived have intervals.", {},
+            "note", "ratios-only", "The records do not determine the scale of the torques: inertia and friction "
+            "times a common factor give the same coast-down. Only the ratios in the section `derived` have "
+            "intervals.", {},
             "Record a stretch under a logged torque too, or repeat with a known inertia added (--record FILE "
             "motor.added_inertia=VALUE), or hold a known inertia or friction (--set, --hold)."))
     found += coast_down_assumed([experiments[s.recording] for s in stretches])
@@ -233,13 +234,13 @@ def coast_down_findings(
         found.append(Finding(
             "warning", "scatter-beyond-noise",
             f"From the first coast-down to the last the friction changes: {listed}, "
-            f"together by {spread.changes['together']:+.2g} %. The probability of that by chance is "
-            f"{spread.probability:.1g}. The intervals are of the mean of runs like these; the scatter between runs "
+            f"together by {spread.changes['together']:+.2g} %. The p-value of this change is "
+            f"{spread.probability:.1g}. The intervals describe the mean over such runs; the scatter between runs "
             "limits the accuracy of an added inertia.",
             dict(spread.changes) | {"probability": spread.probability},
-            "A machine that warms up loses friction: record when its temperature has settled, or note it too."
+            "A machine that warms up loses friction: record when its temperature has settled, or log it."
             if 1.0 / MAX_THERMAL_FACTOR < 1.0 + 0.01 * spread.changes["together"] < MAX_THERMAL_FACTOR else
-            "Warmth hardly does that: check the inertia that was added or is held, and its unit."))
+            "Temperature hardly explains this change: check the inertia that was added or is held, and its unit."))
     return found
 
 
@@ -249,19 +250,20 @@ def coast_down_assumed(experiments: Sequence[Experiment]) -> list[Finding]:
         return []
     return [Finding(
         "note", "coast-down-assumed", "No torque was logged: the drive is assumed to coast down without torque "
-        "from where its speed leaves the highest value.", {},
-        "Leave out what belongs to the switching with --flux-decay, or --condition 'keep from=..'.")]
+        "from the time at which its speed begins to fall from its maximum.", {},
+        "Exclude the switching transient with --flux-decay, or --condition 'keep from=..'.")]
 
 
 def _missing_law_finding(fitted: CoastDownFit, further: FurtherLaw | None) -> Finding:
     """That the friction follows another law, and which."""
-    text = ("The residual of the coast-down depends on the speed (probability "
-            f"{fitted.misfit:.1g} by chance): the friction follows another law. ")
+    text = ("The residual of the coast-down depends on the speed (p-value "
+            f"{fitted.misfit:.1g}): the friction follows another law. ")
     evidence: dict[str, float | int | str] = {"probability": fitted.misfit}
     if further is None:
-        tried = " and ".join(LAW_TEXTS.values())
-        return Finding("warning", "nonlinear-friction", f"{text}Of {tried} none explains it.", evidence,
-                       "Look at the picture: an edge over the speed is a load that changes, waves are the encoder.")
+        tried = ", ".join(LAW_TEXTS.values())
+        return Finding("warning", "nonlinear-friction", f"{text}No tested law ({tried}) explains it.", evidence,
+                       "Look at the picture: a jump over the speed indicates a load change, a periodic residual an "
+                       "encoder error.")
     gain, options = further.gain, " ".join(f"--free {n}" for n in further.names)
     words = " or ".join(" with ".join(LAW_TEXTS[law] for law in laws) for laws in further.laws)
     text += (f"{words[0].upper()}{words[1:]} explains "
@@ -272,7 +274,7 @@ def _missing_law_finding(fitted: CoastDownFit, further: FurtherLaw | None) -> Fi
                  "gain_high": gain.high}
     return Finding("warning", "nonlinear-friction", text, evidence,
                    f"Fit it with --drive one-body {options}." if len(further.laws) == 1 else
-                   f"Record until the drive stands, which distinguishes them; fit the likelier with {options}.")
+                   f"Record until standstill to distinguish these laws; fit the most likely one with {options}.")
 
 
 def _torque_finding(
@@ -282,11 +284,11 @@ def _torque_finding(
     what = "the motor's electrical values or its voltage" if fed else "the logged torque"
     return Finding(
         "warning", "torque-contradicts-motion",
-        "The coast-downs follow the friction, but the driven motion does not "
-        f"follow the torque (probability {fitted.misfit:.1g} by chance). Then {what} is wrong there, and the "
-        "inertia by as much.", {"probability": fitted.misfit},
+        "The coast-downs agree with the fitted friction, but the motion under torque contradicts the torque "
+        f"(p-value {fitted.misfit:.1g}). There is an error in {what}, and the inertia has the same relative error.",
+        {"probability": fitted.misfit},
         "Check resistances, inductances and voltage of the motor at its temperature." if fed else
-        "Check the scale of the torque and its delay; leave the switching out.")
+        "Check the scale of the torque and its delay; exclude the switching transient.")
 
 
 def coast_down_plots(experiments: Sequence[Experiment], stretches: Sequence[Stretch], fitted: CoastDownFit,
@@ -306,5 +308,6 @@ def _residual_plot(fitted: CoastDownFit, drive: Drive) -> PlotData:
     speed = np.array([fitted.speed[g].mean() for g in groups])
     residual = np.array([fitted.weighted_residuals[g].mean() for g in groups])
     std = np.array([fitted.weighted_residuals[g].std() / np.sqrt(len(g)) for g in groups])
-    return PlotData("steady", "Run-down: simulated less measured, means", f"speed [{drive.motion_unit}/s]",
-                   "error over its standard deviation", {"points": (speed, residual), "std": (speed, std)})
+    return PlotData("steady", "Coast-down: simulated minus measured, means of speed groups",
+                    f"speed [{drive.motion_unit}/s]", "error over its standard deviation",
+                    {"points": (speed, residual), "std": (speed, std)})

@@ -20,7 +20,7 @@ VISCOUS, COULOMB = "motor.viscous", "motor.coulomb"
 SECOND_WINDOW_SUFFIXES = (".coulomb", ".idle_torque", ".breakaway", ".stribeck")  # fitted by the second window
 LAST_WINDOW_SUFFIXES = ("_speed",)  # fitted by the last window: the speed at which a surplus of friction begins
 MIN_WINDOW_READINGS = 4 * COUNTS_AROUND  # counts are placed by COUNTS_AROUND readings on either side
-STAGED_FIT_REASON = "a staged fit holds what later windows fit: its error is systematic, not noise"
+STAGED_FIT_REASON = "a staged fit holds the parameters of later windows: its error is systematic, not noise"
 
 
 @dataclass(frozen=True)
@@ -160,18 +160,19 @@ def _fit_stages(drive: Drive, stages: Sequence[Stage], prior: Prior) -> tuple[Dr
 def _bias_finding(differences: Mapping[str, StagedDifference], first: Stage, held: Mapping[str, float],
                   ended: Drive, unit: str) -> Finding:
     """How far the values are from the joint fit, and why."""
-    listed = ", ".join(f"{name} by {100.0 * (a.staged / a.joint - 1.0):+.3g} % ({_stds_text(a.in_std)} of its "
-                       "standard deviations)" for name, a in differences.items() if a.joint)
+    listed = ", ".join(f"{name} by {100.0 * (a.staged / a.joint - 1.0):+.3g} % ({_stds_text(a.in_std)} standard "
+                       "deviations of the joint fit)" for name, a in differences.items() if a.joint)
     reason = ""
     if COULOMB in held and ended.value(VISCOUS) and ended.value(COULOMB):
         share = [ended.values[COULOMB] / (ended.values[VISCOUS] * w) for w in first.window if w]
         at = f"at {held[COULOMB]:.4g} {ended.unit(COULOMB)}" if held[COULOMB] else "left out"
         reason = (f" Coulomb friction is {at} in the window from {first.window[0]:.4g} to {first.window[1]:.4g} "
-               f"{unit}, where by the joint fit it is {' to '.join(f'{s:.2f}' for s in share)} times the viscous "
-               "friction.")
+               f"{unit}. In the joint fit it is {' to '.join(f'{s:.2f}' for s in share)} times the viscous "
+               "friction there.")
     return Finding(
         "warning" if any(abs(a.in_std) > Z95 for a in differences.values()) else "note", "staged-fit",
-        f"The staged fit differs from the joint fit: {listed or 'in no identified parameter'}.{reason}",
+        (f"The staged fit differs from the joint fit: {listed}." if listed else
+         "The staged fit is not compared with the joint fit, as no parameter is identified.") + reason,
         {name: a.in_std for name, a in differences.items()}, "Leave out --stages for the joint fit.")
 
 

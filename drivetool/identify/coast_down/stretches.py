@@ -56,7 +56,8 @@ def stretches_of(experiments: Sequence[Experiment], decay: float) -> list[Stretc
             "a stretch in which the drive coasts down without torque",
             f"none in {', '.join(e.name for e in experiments)}",
             "Switch the drive off at speed and record until it stands. Where it was driven, check the channel of "
-            "its torque; without one cut the record to the coast-down with --condition 'keep from=2 to=8'.")
+            "its torque; if no torque is logged, cut the record to the coast-down with "
+            "--condition 'keep from=2 to=8'.")
     return found
 
 
@@ -79,7 +80,7 @@ def _refuse_counter_wrap(experiment: Experiment) -> None:
             whole = 2.0 ** round(np.log2(size))
             wrap = f"{whole:.0f}" if abs(size - whole) < COUNTER_TOLERANCE * whole else f"{size:.4g}"
             raise BadRecording(
-                "an angle that goes on where its counter starts again",
+                "an unwrapped angle",
                 f"motor_angle of {experiment.name} jumps by {size:.6g}",
                 f"Write `wrap: {wrap}`, in the unit of its channel, for motor_angle in the channel map; or record "
                 "with a counter of more digits.")

@@ -64,8 +64,8 @@ def derived_figures_of(drive: Drive, lines: Sequence[Parameter], covariance: Cov
         has_information = covariance is not None and (has_shape or name.partition("_")[0] in FRICTION_FORCES)
         variance = float(slopes[:, k] @ covariance.matrix @ slopes[:, k]) if has_information else 0.0
         if unknown_of[k] or not MIN_RELATIVE_STD * abs(value) < np.sqrt(max(variance, 0.0)) < np.inf:
-            reason = (f"it depends on {', '.join(unknown_of[k])}, without an interval here" if unknown_of[k]
-                      else "none of what it depends on was fitted in this step")
+            reason = (f"it depends on {', '.join(unknown_of[k])}, for which there is no interval" if unknown_of[k]
+                      else "none of its parameters was fitted in this step")
             found.append(Parameter(name, value, unit, status="held", reason=reason))
             continue
         std = float(np.sqrt(variance))

@@ -131,7 +131,7 @@ def _why_held(name: str) -> str:
 
 def why_on_bound(value: float) -> str:
     """Why a value has no interval to both sides."""
-    return f"the best value lies on the bound {value:g}; the interval is one-sided"
+    return f"the estimate lies at the bound {value:g}; the interval is one-sided"
 
 
 def _covariance_from_bounds(problem: Problem, solution: Solution, free: np.ndarray) -> np.ndarray:
@@ -193,7 +193,8 @@ def correlated_with(covariance: np.ndarray, names: Sequence[str], j: int) -> lis
 def why_not_identifiable(name: str, partners: Sequence[str], drive: Drive) -> str:
     """The reason in words."""
     if partners:
-        return f"it trades against {', '.join(partners)}, and only their combination is identifiable"
+        return (f"its estimate is correlated with that of {', '.join(partners)}; only their combination is "
+                "identifiable")
     return f"it has no significant effect on the outputs ({drive.quantity(name).meaning})"
 
 

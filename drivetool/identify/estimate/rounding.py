@@ -57,5 +57,5 @@ def rounding_finding(what: str, rms: float, unit: str) -> Finding:
     """The finding that the residual of a model is rounding alone."""
     return Finding(
         "note", "residual-not-testable",
-        f"The model explains {what} to rounding: the free-run error, rms {rms:.2g} {unit}, is no larger than the "
-        "rounding of the record and of the simulation.", {"rms": rms})
+        f"The residual of {what} is not testable: the free-run error, rms {rms:.2g} {unit}, is no larger than "
+        "the rounding of the record and of the simulation.", {"rms": rms})

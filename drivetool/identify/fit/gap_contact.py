@@ -80,9 +80,10 @@ def opened_gap_findings(task: Task, treatment: str) -> list[Finding]:
             found.append(Finding(
                 "warning", "gap-may-open",
                 f"The torque of {shaft} reaches from {seen.least:.3g} to {seen.most:.3g} {task.drive.torque_unit}: "
-                f"where it changes sign a gap opens, and {treatment}.",
+                f"a backlash gap, if present, opens where it changes sign, and {treatment}.",
                 {"least_shaft_torque": seen.least, "largest_shaft_torque": seen.most},
-                f"Use torque steps upward from a constant speed; if there is no gap, say so with --set {name}=0."))
+                "Use torque steps upward from a constant speed; if there is no gap, state it with "
+                f"--set {name}=0."))
     return found
 
 

@@ -257,12 +257,10 @@ def _residual_findings(chi: float, options: Options) -> list[Finding]:
     if chi < MAX_CHI_SQUARE:
         return []
     return [Finding(
-        "warning", "response-not-explained", f"The residual of the response is {np.sqrt(chi):.2g} times "
-            "the "
-        "measured noise: distortion, leakage or a missing body. Line weights and intervals follow from the "
-        "residual; "
-        "they hold only as far as it is irregular.", {"chi_square_per_degree": float(chi)},
-        "Look at the picture of the response; try one body more, or several runs with other phases.")]
+        "warning", "response-not-explained", f"The residual of the response is {np.sqrt(chi):.2g} times the "
+        "measured noise: distortion, leakage or a missing body. Weights and intervals are computed from the "
+        "residual and are valid only if it is random over frequency.", {"chi_square_per_degree": float(chi)},
+        "Look at the picture of the response; try one more body, or several runs with other phases.")]
 
 
 def picture(problem: LineProblem, solution: Solution, s: Spectrum) -> PlotData:

@@ -54,15 +54,16 @@ def _coherence_findings(s: Spectrum) -> list[Finding]:
         return [Finding(
             "failure", "low-coherence",
             f"The coherence of {s.input} and {s.output} is below {MIN_COHERENCE} at every line: "
-            "the response is not valid.", evidence,
+            "the estimated response is unreliable.", evidence,
             "Check the channels and their clocks, excite more, or record longer.")]
     if poor > 0.1:
         good = s.mean.frequency[s.mean.coherence >= MIN_COHERENCE]
         return [Finding(
             "warning", "low-coherence",
             f"The coherence is below {MIN_COHERENCE} at {100 * poor:.0f} % of the lines; "
-            f"those above lie between {good[0]:.4g} and {good[-1]:.4g} Hz.", evidence,
-            "Read only the lines above; excite the others more, or lengthen the frames for sharp resonances.")]
+            f"the other lines lie between {good[0]:.4g} and {good[-1]:.4g} Hz.", evidence,
+            "Use only the lines with sufficient coherence; excite the others more, or use longer frames for sharp "
+            "resonances.")]
     return []
 
 
@@ -71,9 +72,10 @@ def _closed_loop_findings(s: Spectrum, reference: bool) -> list[Finding]:
         return []
     return [Finding(
         "warning", "torque-in-feedback",
-        f"The torque depends on the sensor: {100 * s.feedback.share:.2g} % of what its "
-        f"own past does not predict comes from {s.output}. Noise in the feedback biases {s.mean.method} towards "
-        "the negative inverse of the controller.", {"share": s.feedback.share, "p": s.feedback.p},
+        f"The torque depends on the sensor: {100 * s.feedback.share:.2g} % of the "
+        f"innovation variance of the torque is explained by {s.output}. Noise in the feedback biases "
+        f"{s.mean.method} towards the negative inverse of the controller.",
+        {"share": s.feedback.share, "p": s.feedback.p},
         "Log the reference (reference_speed, reference_angle or reference_torque) for the indirect estimate, or "
         "excite with a periodic multisine.")]
 
@@ -94,8 +96,9 @@ def _distortion_findings(s: Spectrum) -> list[Finding]:
                 else "Coulomb friction, or backlash")
         found.append(Finding(
             "warning" if -d.below_signal_db > MAX_DISTORTION_DB else "note", "nonlinear-distortion",
-            f"On {d.lines} empty {d.kind} lines the output is {d.below_signal_db:.0f} dB below the excited ones, "
-            f"noise {20 * np.log10(d.signal / max(d.noise, 1e-300)):.0f} dB: {d.kind} nonlinear distortion.",
+            f"On {d.lines} unexcited {d.kind} lines the output is {d.below_signal_db:.0f} dB below the excited "
+            f"ones, the noise {20 * np.log10(d.signal / max(d.noise, 1e-300)):.0f} dB below them: {d.kind} "
+            "nonlinear distortion.",
             {"level": d.level, "noise": d.noise, "signal": d.signal, "lines": d.lines},
             f"Look for {what}; a linear model holds at this amplitude only."))
     total, noise = s.mean.total, s.mean.noise
@@ -107,7 +110,7 @@ def _distortion_findings(s: Spectrum) -> list[Finding]:
             "note", "nonlinear-distortion", f"Over the runs the response varies {np.sqrt(ratio):.1f} times more "
                 "than "
             "noise explains: the drive is not linear, or changes between runs.", {"variance_ratio": ratio},
-            "Weigh with the total variance; compare amplitudes."))
+            "Weight the fit with the total variance; compare amplitudes."))
     return found
 
 
@@ -117,8 +120,7 @@ def _empty_line_findings(s: Spectrum) -> list[Finding]:
         return []
     return [Finding(
         "note", "excitation-gaps", f"Between {s.mean.frequency[0]:.4g} and {s.mean.frequency[-1]:.4g} Hz the "
-            "excitation "
-        f"leaves lines empty, up to {step.max():.3g} Hz wide; there is no estimate there.",
+        f"excitation leaves gaps of up to {step.max():.3g} Hz between excited lines; there is no estimate there.",
         {"largest_gap_hz": float(step.max()), "resolution_hz": float(step.min())})]
 
 

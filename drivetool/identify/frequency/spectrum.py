@@ -47,4 +47,4 @@ class Spectrum:
         m = self.mean
         how = (f"{m.averages:.0f} periods" if m.method == "periodic"
                else f"{m.averages:.3g} independent frames, {m.method}")
-        return f"{len(m.frequency)} lines from {m.frequency[0]:.4g} to {m.frequency[-1]:.4g} Hz from {how}"
+        return f"{len(m.frequency)} spectral lines from {m.frequency[0]:.4g} to {m.frequency[-1]:.4g} Hz from {how}"

@@ -19,7 +19,7 @@ from drivetool.logs import Experiment
 MAX_MEAN_OVER_RMS = 0.5
 # Speed of a clamped body over that of the motor. A choice: a fixture that yields by a twentieth is no clamp.
 MAX_CLAMP_MOTION = 0.05
-# Times the white noise of its sensor from which a clamped motor swings: mains hum and drift are less.
+# Times the white noise of its sensor from which a clamped motor oscillates: mains hum and drift are less.
 MAX_CLAMPED_NOISE_RATIO = 3.0
 DAMPING_RATIOS = (0.01, 0.03, 0.1, 0.3, 0.7)  # of the grid: spaced by a factor of about three, up to aperiodic
 FREQUENCIES_PER_OCTAVE = 12  # frequencies of the grid: closer than the half width of a resonance damped by 0.03
@@ -29,8 +29,8 @@ MIN_SAMPLES_PER_PERIOD = 10.0  # in one period at least. A choice: with fewer th
 
 def check_clamped(experiment: Experiment, drive: Drive, body: str) -> None:
     """Raise BadRecording where a body that is stated as clamped turns, or the bodies joined to it do."""
-    advice = ("Correct --record, or clamp it and record again: "
-              "torque to and fro about a constant one, for some seconds.")
+    advice = ("Correct --record, or clamp it and record again, with "
+              "an alternating torque about a constant one, for some seconds.")
     unit, place = f"{experiment.motion_unit}/s", drive.bodies.index(body)
     motor, own = _speed_of_body(experiment, drive, 0), _speed_of_body(experiment, drive, place)
     if motor is None:
@@ -38,7 +38,7 @@ def check_clamped(experiment: Experiment, drive: Drive, body: str) -> None:
     if place == 0:
         if float(np.nanstd(motor)) > MAX_CLAMPED_NOISE_RATIO * white_std([motor]):
             raise BadRecording(f"{body} at standstill in {experiment.name}, where it is clamped",
-                               f"that it swings by {np.nanstd(motor):.3g} {unit} rms", advice)
+                               f"that it oscillates with {np.nanstd(motor):.3g} {unit} rms", advice)
         return
     # The part that follows the motor, without the noise of the sensor.
     share = 0.0 if own is None else drive.gear_ratios()[place] * _following_ratio(own, motor)
@@ -47,8 +47,8 @@ def check_clamped(experiment: Experiment, drive: Drive, body: str) -> None:
                            f"that it follows {100.0 * share:.2g} % of the motor's motion", advice)
     mean = abs(float(np.nanmean(motor)))
     if mean > MAX_MEAN_OVER_RMS * _rms(motor):
-        raise BadRecording(f"a motor that swings against the clamped {body} in {experiment.name}",
-                           f"one that turns on at {mean:.3g} {unit} on average", advice)
+        raise BadRecording(f"a motor that oscillates against the clamped {body} in {experiment.name}",
+                           f"one that rotates at {mean:.3g} {unit} on average", advice)
 
 
 def always_clamped(drive: Drive, experiments: Sequence[Experiment]) -> tuple[str, ...]:

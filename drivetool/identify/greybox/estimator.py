@@ -114,7 +114,7 @@ def greybox(experiments: Sequence[Experiment], drive: Drive, options: Options) -
         estimate = replace(estimate, findings=(*contradicted, *estimate.findings))
     if (outcome.drive.shafts and not has_gap(outcome.task) and model_incomplete
             and not can_be_tested(*chosen_fit.rivals[:2])):
-        opened = opened_gap_findings(outcome.task.at_point(outcome.solution.point), "this drive has none")
+        opened = opened_gap_findings(outcome.task.at_point(outcome.solution.point), "the fitted model has none")
         estimate = replace(estimate, findings=(*estimate.findings, *opened))
     for name, low in lower_limits.items():
         estimate = with_lower_limit_only(estimate, name, low)
@@ -235,8 +235,8 @@ def both_criteria(outcome: Outcome, options: Options) -> tuple[dict[str, float],
     if b > a + max(2.0, 0.1 * (100.0 - a)):
         return figures, [Finding(
             "warning", "model-error",
-            f"By simulation error, the drive explains {b:.1f} % of the held-out motion; by one-step prediction "
-            f"error, {a:.1f} %. The model lacks a physical effect, which the noise model hides.",
+            f"The fit by simulation explains {b:.1f} % of the held-out motion, the fit by one-step prediction "
+            f"{a:.1f} %. The model lacks a physical effect, for which the noise model compensates.",
             figures, "Run diagnose; the intervals are conditional on the structure.")]
     return figures, []
 
@@ -250,5 +250,5 @@ def torque_in_feedback(failed: bool, task: Task) -> list[Finding]:
         return []
     return [Finding(
         "note", "torque-in-feedback",
-        "The torque depends on the motion, and a fit that simulates the motion failed. Where the motion is imposed "
-        "or well known, a fit of the torque is better.", {}, "Try --criterion inverse.")]
+        "The torque depends on the motion (feedback), and the simulation fit failed. Where the motion is imposed "
+        "or well known, a fit of the torque (inverse dynamics) is better.", {}, "Try --criterion inverse.")]
