@@ -90,7 +90,7 @@ def test_the_default_fit_of_emps_agrees_with_the_published_parameters():
                                    ("motor.coulomb", 20.3935, 0.05), ("motor.idle_torque", -3.1648, 0.1)):
         line, most = lines[name], share * abs(published)
         assert abs(line.value - published) < most and line.ci95[1] - line.ci95[0] < 2.0 * most
-    assert "friction differs by direction" in [law.name for law in estimate.laws]
+    assert "direction-dependent friction" in [law.name for law in estimate.laws]
 
 
 def test_inverse_dynamics_of_emps_are_the_published_ones():

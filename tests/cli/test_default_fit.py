@@ -42,8 +42,8 @@ def error_and_coverage(content, name, truth):
 
 @pytest.mark.slow
 @pytest.mark.parametrize("situation, size, number, seed, law", [
-    ("asymmetry", "L", 6, 106, "friction differs by direction"),
-    ("cogging", "L", 3, 103, "torque repeats 16 times a turn"),
+    ("asymmetry", "L", 6, 106, "direction-dependent friction"),
+    ("cogging", "L", 3, 103, "torque ripple of order 16"),
     ("log-noise", "M", 2, 102, MEASUREMENT_NOISE)])
 def test_a_missing_law_is_named_and_does_not_bend_the_inertia(call, tmp_path, situation, size, number, seed, law):
     record = draw(situation, size, number, seed, 4.0)
@@ -57,8 +57,8 @@ def test_a_missing_law_is_named_and_does_not_bend_the_inertia(call, tmp_path, si
     if law == MEASUREMENT_NOISE:  # nothing is missing from the drive
         assert "measurement noise" in texts["torque-measurement-noise"]
     else:
-        assert "lacks something physical" in texts["model-error"] and law in texts["model-error"]
-    said = r"[1-5] laws? removed after a test on held-out data, the residual is modelled as"
+        assert "lacks a physical effect" in texts["model-error"] and law in texts["model-error"]
+    said = r"[1-5] effects? estimated and subtracted after a test on held-out data; the residual is modelled as"
     assert re.match(said, content["explanation"])
     assert not plain.get("laws") and not plain.get("explanation")
     assert plain["parameters"]["motor.inertia"].get("std_noise") is None
@@ -160,7 +160,7 @@ def test_a_law_of_the_load_is_named_and_taken_out(call, tmp_path):
                         *start)
     assert code == 0, err
     content, truth = yaml.safe_load((tmp_path / "o.yaml").read_text()), record.truth
-    law = "friction differs by direction, on the load"
+    law = "direction-dependent friction, on the load"
     assert law in [found["name"] for found in content["laws"]]
     assert law in next(f["text"] for f in content["findings"] if f["code"] == "model-error")
     for name, value in (("motor.inertia", truth.motor_inertia), ("load.inertia", truth.load_inertia),

@@ -60,7 +60,7 @@ def identified(call, record):
 def test_both_sides_of_one_rig_agree(call, rig):
     first, second = (identified(call, rig[name]) for name in ("motor", "load"))
     code, out, err = call("compare", "--swap", first, second, "--strict")
-    assert code == 0 and "The two sides agree" in err, err
+    assert code == 0 and "The estimates from the two motors agree" in err, err
     file = yaml.safe_load(out)
     found = file["swap"]
     compared = [line for line in found["lines"] if line["ratio"] is not None]
@@ -81,7 +81,8 @@ def test_a_load_that_is_a_fifth_heavier_in_the_second_is_named(call, rig):
     assert code == 0 and found["agree"] is False and line["second"] == "motor.inertia"
     assert line["difference"] == pytest.approx(0.2 * TABLE.inertia[1], rel=0.02)
     named = [line["first"] for line in found["lines"] if line["differs"]]
-    assert named == ["load.inertia"] and "warning parameters-differ: The two sides differ in" in err
+    assert named == ["load.inertia"]
+    assert "warning parameters-differ: The estimates from the two motors differ in" in err
     assert "load.inertia (+20 %" in err
     assert call("compare", "--swap", first, second, "--strict")[0] == 3
 
@@ -100,8 +101,8 @@ def test_file_json_table_and_picture_say_the_same(call, folder):
     assert ["motor.inertia", "4.780", "0.020", "kg", "m^2"] in rows
     assert ["load.inertia", "4.800", "0.010", "0.020", "0.022", "0.89"] in rows
     text = " ".join(out.split())
-    assert "motor.coulomb: the same value in both files, not fitted in both: it says nothing" in text
-    assert "The two sides agree: chi-square 1.41 of 3, p 0.7." in out
+    assert "motor.coulomb: the same value in both files, not fitted in both: no comparison" in text
+    assert "The estimates from the two motors agree: chi-square 1.41 of 3, p 0.7." in out
 
 
 @pytest.mark.parametrize("words", [("-", "load.yaml"), ("motor.yaml", "-")])

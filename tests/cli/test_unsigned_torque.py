@@ -38,7 +38,7 @@ def test_steady_gives_it_the_sign_of_the_motion(call):
         row = content["parameters"][name]
         assert abs(row["value"] - true) < 4 * row["std"], name
     output = next(f for f in content["findings"] if f["code"] == "torque-unsigned")
-    assert output["severity"] == "warning" and "change places" in output["text"]
+    assert output["severity"] == "warning" and "are exchanged" in output["text"]
 
 
 @pytest.mark.usefixtures("here")

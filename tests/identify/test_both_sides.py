@@ -89,7 +89,7 @@ def test_correlated_parameters_are_tested_together():
     # Along (1, 1) the variance of the sum of both files is 2 (1 - 0.99) 0.1^2, and the difference sqrt(2) 0.2.
     assert found.chi_square == pytest.approx(2.0 * 0.2**2 / (2.0 * 0.01 * 0.1**2))
     assert not any(line.differs for line in found.lines) and found.agree is False
-    assert "no parameter by itself is beyond 3 joint std" in found.outcome
+    assert "no single parameter differs by more than 3 joint standard deviations" in found.outcome
     assert [f.code for f in found.findings] == ["parameters-differ"]
 
 
@@ -99,7 +99,8 @@ def test_what_is_beyond_three_is_named_the_worst_first_and_three_at_most():
     stds = dict.fromkeys(names, 0.01)
     moved = {"load.inertia": 4.1, "motor.inertia": 1.8, "load.viscous": 1.3, "motor.viscous": 3.05}
     found = swap(side("a", values, stds), side("b", moved, stds))
-    assert found.outcome.startswith("The two sides differ in motor.viscous (+30 %, +21 std), load.inertia (-10 %, "
+    assert found.outcome.startswith("The estimates from the two motors differ in motor.viscous (+30 %, +21 std), "
+                                    "load.inertia (-10 %, "
                                     "-14 std), motor.inertia (+2.5 %, +7.1 std) and 1 more: chi-square ")
     assert len(found.findings[0].evidence) == 3 + 4
 

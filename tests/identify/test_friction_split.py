@@ -43,7 +43,7 @@ def test_a_shaft_torque_separates_the_motor_from_its_load_and_no_more():
     # On which body behind the shaft a constant torque acts is not identifiable: it is put on the last body, and the
     # interval is that of their sum.
     assert found["gear.idle_torque"].value == 0.0 and found["gear.idle_torque"].std is None
-    assert behind.std is None and "that of gear" in behind.reason and "lumped into arm" in (
+    assert behind.std is None and "the friction of gear" in behind.reason and "contained in the value of arm" in (
         found["gear.idle_torque"].reason)
     # So much viscous friction damps the inner mode: each is identifiable.
     for body, viscous in zip(("motor", "gear", "arm"), MACHINE.viscous, strict=True):
@@ -56,7 +56,7 @@ def test_an_interval_allows_for_friction_between_that_is_counted_with_the_last_b
     machine = replace(MACHINE, viscous=(0.1, 0.3, 0.0))
     start = three_mass().with_values({n: 1.02 * v for n, v in TRUE.items()} | {"total.viscous": 0.4})
     found = {p.name: p for p in greybox([recorded(machine=machine, loud=10.0)], start, Options()).parameters}
-    assert "lumped into arm" in found["gear.viscous"].reason
+    assert "contained in the value of arm" in found["gear.viscous"].reason
     together = float(found["arm.viscous"].reason.rpartition(" ")[2])
     assert abs(found["arm.viscous"].value - 0.3) < 3.0 * together and together < 0.02
     for name in ("shaft.damping", "shaft2.damping", "shaft.stiffness", "shaft2.stiffness", "arm.inertia"):

@@ -178,7 +178,7 @@ def test_an_angle_may_be_known_where_it_matters():
     assert known_states(start, drive, (), angle) == {UNNAMED_RECORDINGS: {"angle": 0.5}}
     # It is measured, with noise.
     assert known_states(REST, drive, (), angle) == {UNNAMED_RECORDINGS: {"motor.speed": 0.0}}
-    with pytest.raises(BadOption, match="nothing depends on it"):
+    with pytest.raises(BadOption, match="does not depend on the angle"):
         known_states(start, drive, (), SPEED)
 
 

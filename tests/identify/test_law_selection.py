@@ -51,7 +51,7 @@ def test_cogging_is_found_first_with_its_order_and_size(number, seed):
     run = simulate(setup, law)
     role = "motor_angle" if setup.is_angle else "motor_speed"
     names, factors = searched(task_of(setup.machine, setup.step, run.torque, role, run.measured))
-    assert names[0] == "torque repeats 7 times a turn"
+    assert names[0] == "torque ripple of order 7"
     assert np.hypot(*factors[:2]) == pytest.approx(law.strength / np.sqrt(2.0), rel=0.1)
 
 
@@ -76,7 +76,7 @@ def test_noise_of_the_log_is_found_as_what_the_drive_does_not_feel():
 def test_factors_make_up_for_the_law_by_its_sign():
     # A drive without its friction over the square of the speed: with the factors the one-step errors are gone.
     task = drawn("quiet", "", 2, 52)
-    law = next(x for x in every(task) if x.name == "friction grows with the square of the speed")
+    law = next(x for x in every(task) if x.name == "friction that grows with the square of the speed")
     e = task.experiments[0]
     torque, true = e.signals["motor_torque"], 0.1 * np.std(e.signals["motor_torque"])
     braked = torque + true * np.nan_to_num(law.columns[0][:, 0])

@@ -7,8 +7,8 @@ from drivetool.identify.laws.laws import MEASUREMENT_NOISE, law_library, measure
 from drivetool.identify.motion.motion import motions_of
 from tests.identify.swing import PARTS, record, swing
 
-BACK = "friction differs by direction"
-CRANK = "inertia changes with the angle"
+BACK = "direction-dependent friction"
+CRANK = "inertia varying twice per turn"
 
 
 def laws_of(s, turns=True, noise=None, role="motor_angle"):
@@ -37,7 +37,7 @@ def test_size_one_is_that_of_all_records_together():
 def test_friction_by_direction_is_asked_only_where_the_motion_turns_back():
     back, one_way = laws_of(swing()), laws_of(swing(offset=30.0))
     lost = {name for name in back.keys() - one_way.keys() if not name.startswith("Stribeck")}
-    assert lost == {BACK, "friction changes with time"}
+    assert lost == {BACK, "time-varying friction"}
 
 
 def test_noise_at_standstill_is_no_motion_back():
@@ -90,10 +90,11 @@ def test_laws_are_functions_of_the_motion():
     s = swing()
     found, width = laws_of(s), 0.1 * np.quantile(np.abs(s.mean_speed), 0.99)
     expected = {BACK: [np.abs(s.mean_speed)],
-                "friction grows with the square of the speed": [s.mean_speed * np.abs(s.mean_speed)],
-                "Stribeck friction below 0.1 of the top speed": [s.side * np.exp(-(s.mean_speed / width) ** 2)],
-                "the torque drifts": [np.linspace(-1.0, 1.0, 4000)],
-                "torque repeats 7 times a turn": [np.cos(7.0 * s.middle), np.sin(7.0 * s.middle)]}
+                "friction that grows with the square of the speed": [s.mean_speed * np.abs(s.mean_speed)],
+                "Stribeck friction with a Stribeck speed of 0.1 times the maximum speed": [
+                    s.side * np.exp(-(s.mean_speed / width) ** 2)],
+                "torque changing linearly with time": [np.linspace(-1.0, 1.0, 4000)],
+                "torque ripple of order 7": [np.cos(7.0 * s.middle), np.sin(7.0 * s.middle)]}
     for name, columns in expected.items():
         for column, law in zip(columns, found[name].columns[0].T, strict=True):
             assert np.corrcoef(column[20:-20], law[20:-20])[0, 1] > 0.998, name

@@ -52,11 +52,11 @@ def test_every_law_is_on_its_body():
     laws = laws_of(task, {"motor": SEEN, "load": SEEN})
     named = {law.name: law for law in laws}
     assert len(named) == len(laws)
-    assert named["the torque drifts, on the load"].body == "load"
-    assert named["the torque drifts, on the motor"].body == "motor"
+    assert named["torque changing linearly with time, on the load"].body == "load"
+    assert named["torque changing linearly with time, on the motor"].body == "motor"
     dry = [law for law in laws if law.parameter]
     assert [(law.name, law.parameter) for law in dry] == [("dry friction, on the load", "load.coulomb")]
-    assert next(law.name for law in law_library(SEEN, True)) == "friction differs by direction"
+    assert next(law.name for law in law_library(SEEN, True)) == "direction-dependent friction"
 
 
 @pytest.mark.parametrize("free, part, powers", [

@@ -12,9 +12,9 @@ from tests.study.missing_laws import kernel
 
 AXIS = MACHINES[0]
 DIRECTION = (0.1, 1.0, 0.0, 6.0)  # 0.1 Nm more at 6 rad/s forward
-LAWS = {"gravity": (kernel.GRAVITY, (0.3, 0.4), "torque repeats 1 times a turn"),
-        "cogging": (kernel.COGGING, (0.03, 7.0, 0.5), "torque repeats 7 times a turn"),
-        "direction": (kernel.ASYMMETRY, DIRECTION, "friction differs by direction")}
+LAWS = {"gravity": (kernel.GRAVITY, (0.3, 0.4), "torque ripple of order 1"),
+        "cogging": (kernel.COGGING, (0.03, 7.0, 0.5), "torque ripple of order 7"),
+        "direction": (kernel.ASYMMETRY, DIRECTION, "direction-dependent friction")}
 
 
 def without_reference(made):
@@ -43,7 +43,7 @@ def test_a_law_is_found_and_the_inertia_is_right(name, with_reference):
 
 def test_the_size_of_a_law_is_that_of_its_torque():
     made = loop_record(AXIS, 22, 0.01, seconds=10.0, law=kernel.GRAVITY, strength=(0.3, 0.4))
-    law = next(x for x in fitted(AXIS, made).laws if x.name == "torque repeats 1 times a turn")
+    law = next(x for x in fitted(AXIS, made).laws if x.name == "torque ripple of order 1")
     assert len(law.factors) == 2
     # Columns of size one, cosine and sine of a wave of 0.3 over the angles of the record.
     angle = made.signals["motor_angle"]

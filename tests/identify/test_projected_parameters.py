@@ -31,8 +31,8 @@ def test_without_laws_they_are_what_was_fitted():
     assert own() == pytest.approx(TRUTH)
 
 
-@pytest.mark.parametrize("name", ["Stribeck friction below 0.1 of the top speed",
-                                  "friction grows with the square of the speed"])
+@pytest.mark.parametrize("name", ["Stribeck friction with a Stribeck speed of 0.1 times the maximum speed",
+                                  "friction that grows with the square of the speed"])
 def test_friction_is_the_line_nearest_to_the_curve_over_the_speeds_visited(name):
     found = own(name)
     m = SEEN.each[0]
@@ -48,7 +48,7 @@ def test_friction_is_the_line_nearest_to_the_curve_over_the_speeds_visited(name)
 
 
 def test_the_idle_torque_has_the_mean_of_what_differs_by_direction():
-    name = "friction differs by direction"
+    name = "direction-dependent friction"
     found = own(name)
     m = SEEN.each[0]
     moving = np.abs(m.speed) > STANDSTILL_SPEED_SHARE * SEEN.top
@@ -61,14 +61,14 @@ def test_the_inertia_has_its_mean_over_the_angles():
     narrow = swing(parts=((0.8, 1.0, 0.0),))
     seen = motions_of([record(narrow, "motor_angle")], "motor_angle")
     laws = {law.name: law for law in law_library(seen, True)}
-    law = laws["inertia changes with the angle"]
+    law = laws["inertia varying twice per turn"]
     found = own(law.name, seen=seen, laws=laws, factors=[FACTOR, 0.0], task=task_of(record(narrow, "motor_angle")))
     assert found == pytest.approx(
         {**TRUTH, "motor.inertia": TRUTH["motor.inertia"] + FACTOR * law.inertia[0]})
 
 
 def test_measurement_noise_of_the_torque_is_part_of_no_parameter():
-    assert own("the drive does not feel the noise of the logged torque") == pytest.approx(TRUTH)
+    assert own("measurement noise of the logged torque") == pytest.approx(TRUTH)
 
 
 def test_with_one_direction_the_idle_torque_is_the_level_of_friction():

@@ -56,7 +56,7 @@ def test_what_is_held_stays_and_the_rest_is_exact():
 def test_a_law_takes_up_its_torque(role):
     with_cogging = record(S, role, more=0.2 * np.cos(7.0 * S.middle + 0.4))
     seen = motions_of([with_cogging], role)
-    law = next(x for x in law_library(seen, True) if x.name == "torque repeats 7 times a turn")
+    law = next(x for x in law_library(seen, True) if x.name == "torque ripple of order 7")
     found = values(regressed(with_cogging, laws=(law,)))
     own = {n: found.pop(n) for n in TRUTH}
     assert own == pytest.approx(TRUTH, rel=5e-3)

@@ -40,10 +40,10 @@ def contradicted_held_values(task: Task, outcome: Outcome, options: Options, req
             and not looks_coloured(trial.fit.passes)):
             found.append(Finding(
                 "warning", "held-value-rejected",
-                f"{name} is held at {given:.4g} {unit}, but its estimate is {value:.4g}: log likelihood "
-                f"{gain:.0f} higher. The fitted parameters are biased to compensate for it.",
+                f"{name} is held at {given:.4g} {unit}, but its estimate is {value:.4g}, where the log "
+                f"likelihood is higher by {gain:.0f}. The fitted parameters are biased to compensate for it.",
                 {"log_likelihood_gain": gain, "record_asks_for": value},
-                f"Fit it too, with --free {name}, or correct it with --set {name}=VALUE.", name))
+                f"Free it with --free {name}, or correct it with --set {name}=VALUE.", name))
     return found
 
 

@@ -99,10 +99,10 @@ def _lumped_friction_line(line: Parameter, task: Task) -> Parameter:
         return line
     last, others = drive.bodies[-1], " and ".join(between)
     if body in between and line.std is None:
-        return replace(line, reason=f"lumped into {last}: the record does not distinguish them")
+        return replace(line, reason=f"contained in the value of {last}; the record identifies only their sum")
     if body == last and line.std is not None:
-        return replace(line, std=None, ci95=None, reason=f"includes that of {others}, which the record does not "
-                                                         f"distinguish; std of their sum {line.std:.2g}")
+        return replace(line, std=None, ci95=None, reason=f"includes the friction of {others}, which the record "
+                                                         f"does not distinguish; std of their sum {line.std:.2g}")
     return line
 
 

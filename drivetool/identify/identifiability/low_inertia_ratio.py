@@ -101,16 +101,16 @@ def with_low_inertia_findings(estimate: Estimate, outcome: Outcome, gaps: Sequen
     if again_free:
         finding = Finding(
             "note", "gap-refit",
-            f"{opening}: {', '.join(again_free)} were fitted again together with the half gap, since held values a "
-            "few per cent off would lead to a wrong one.", {"load_over_motor": share},
-            "Hold what is known for sure with --hold.")
+            f"{opening}: {', '.join(again_free)} were refitted jointly with the half gap. Errors of a few per cent "
+            "in held values would bias it.", {"load_over_motor": share},
+            "Hold accurately known values with --hold.")
     elif again_free is None:
         reason = "the load's inertia is too low to identify it from the motor alone"
         lines = tuple(replace(p, std=None, ci95=None, reason=reason)
                       if p.name in gaps and p.status == "fitted" else p for p in lines)
         finding = Finding(
             "warning", "low-inertia-ratio",
-            f"{opening}: from the motor alone its half gap cannot be relied on, and no interval is given.",
+            f"{opening}: the half gap is unreliable if only the motor is measured, and no interval is given.",
             {"load_over_motor": share},
             "Log the shaft torque or the load speed, or pass the parameter file of a greybox step with --params.")
     more = () if finding is None else (finding,)

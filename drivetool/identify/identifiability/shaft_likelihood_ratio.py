@@ -55,7 +55,8 @@ def _without_insignificant_shaft(estimate: Estimate, shaft: str, gain: float) ->
     found = Finding(
         "warning", "shaft-not-identifiable",
         f"The resonance of {shaft} is not significant: a rigid shaft predicts as well. Its stiffness and "
-        f"damping are not identifiable, nor the shares of {first} and {last} in their inertia.",
+        f"damping are not identifiable, nor is the distribution of the inertia between {first} and "
+        f"{last}.",
         {"log_likelihood_worth": gain, "wanted": MIN_SHAFT_GAIN},
         "Excite it: a chirp or a multisine about the expected frequency, or log the speed on its other side too.")
     estimate = without_shaft_intervals(estimate, shaft, f"the resonance of {shaft} is not significant")
@@ -83,9 +84,9 @@ def without_shaft_intervals(estimate: Estimate, shaft: str, reason: str) -> Esti
 def _missed_resonance(shaft: str, gains: Mapping[str, float]) -> Finding:
     return Finding(
         "warning", "not-converged",
-        f"The fit missed the resonance: with a rigid {shaft} the drive predicts the record better. No intervals "
-        "are given.", {"log_likelihood_lost": -gains[shaft]},
-        "Start nearer with --set, or hold what is known with --hold.")
+        f"The fit did not converge to the global optimum and missed the resonance: a rigid {shaft} gives a higher "
+        "likelihood. No intervals are given.", {"log_likelihood_lost": -gains[shaft]},
+        "Give better start values with --set, or hold what is known with --hold.")
 
 
 def _fit_with_rigid_shaft(outcome: Outcome, k: int) -> Fit:

@@ -150,7 +150,7 @@ def _laws_sentence(laws: Sequence[FoundLaw]) -> str:
     """The number of laws fitted beside the drive, in words."""
     if not laws:
         return ""
-    return f"{len(laws)} law{'s' if len(laws) > 1 else ''} of the motion fitted beside the drive's own torque."
+    return f"{len(laws)} further effect{'s' if len(laws) > 1 else ''} fitted in addition to the drive model."
 
 
 def _structural_std(fit: InverseFit, line: np.ndarray, sensor: str, reference: str | None) -> np.ndarray:
@@ -287,20 +287,19 @@ def _outcome_sentence(fit: InverseFit, reference: str | None) -> str:
     how = "converged" if fit.converged else "stopped"
     band = fit.at.seen.each[0].smoothing.cutoff / fit.at.experiments[0].step
     by = f"with instruments from {reference}" if fit.at.predicted else "by least squares"
-    return f"{how} after {fit.steps} steps, {by}, torque over motion up to {band:.3g} Hz"
+    return f"{how} after {fit.steps} steps, {by}, torque regressed on the motion up to {band:.3g} Hz"
 
 
 def _without_interval(p: Parameter) -> Parameter:
-    why = "the motion explains nothing of the torque"
+    why = "the inverse model explains none of the torque"
     return p if p.status == "held" else p.without_interval(why)
 
 
 def _no_instrument_finding(why: str) -> Finding:
     return Finding(
         "note", "weak-instrument",
-        f"There is no valid instrument, since {why}: noise that the loop feeds back is in the motion as well as in "
-        "the torque. The parameters are those of least squares, and std_structure contains "
-        "a bound of their bias.", {},
+        f"There is no valid instrument, since {why}. Noise fed back by the loop affects both motion and torque. "
+        "The parameters are those of least squares, and std_structure includes a bound on their bias.", {},
         "Log the reference of the outermost loop: reference_angle, reference_speed or reference_torque.")
 
 
@@ -321,11 +320,12 @@ def _open_loop_findings(experiments: Sequence[Experiment], sensor: str) -> list[
     return [Finding(
         "note", "torque-without-feedback",
         "The torque does not depend on the motion: it was commanded open loop. A fit that simulates the "
-        "motion uses more of this record.", {}, "Compare with --criterion auto.")]
+        "motion is more efficient.", {}, "Compare with --criterion auto.")]
 
 
 def _explains_nothing_finding(relative: float) -> Finding:
     return Finding(
         "failure", "explains-nothing",
-        f"The motion explains nothing of the logged torque: the residual has {relative:.2f} of its standard "
-        "deviation.", {"error_over_sd": relative}, "Check the channels, units and signs; run drivetool inspect.")
+        f"The inverse model explains none of the logged torque: the residual is {relative:.2f} times the standard "
+        "deviation of the torque.", {"error_over_sd": relative},
+        "Check the channels, units and signs; run drivetool inspect.")

@@ -119,8 +119,8 @@ class InverseRegression:
         share = float(np.mean(np.concatenate(transient)))
         if share > MAX_TRANSIENT_SHARE:
             raise NotEnoughData(
-                "a chain behind the motor whose initial transient decays, for --criterion inverse",
-                f"one whose transient at the start values lasts for {100.0 * share:.0f} % of the record",
+                "a drive whose initial transient decays, for --criterion inverse",
+                f"a transient of {100.0 * share:.0f} % of the record at the start values",
                 "Use --criterion auto, whose filter follows the shaft, or record longer.")
         return replace(self, lead=tuple(transient))
 
@@ -137,7 +137,7 @@ class InverseRegression:
         if count < MIN_SAMPLES:
             raise NotEnoughData(
                 f"at least {MIN_SAMPLES} independent samples in which the motor moves", f"{count}",
-                "Record longer, or a motion that is no standstill.")
+                "Record longer, or with less standstill.")
         return found
 
     def at(self, values: np.ndarray) -> InverseRegression:

@@ -53,6 +53,7 @@ RESIDUAL_SENTENCES = {"coloured": "the residual is modelled as coloured torque n
         "white": "the residual is modelled as white torque noise",
         "regression": "the residual is not modelled: least squares of the torque over the motion",
         "free runs": "the drive is fitted to free runs of a second"}
+WRONG_MODEL = "The drive model does not describe this machine, or torque and motion belong to different axes."
 # std_structure over std_noise: 17 % of 24 right models exceed it, 44 % of 18 without their law; at one 75 and 78 %.
 MAX_STRUCTURE_TO_NOISE = 3.0
 # Log likelihood by which coloured noise must be likelier to count as a missing law. By chance the two further noise
@@ -119,13 +120,13 @@ def default_fit(white: Outcome, options: Options, one_sided_gap: bool = False) -
     one_sided_gap  whether the half gap has a lower bound only
     """
     is_default = options.criterion == "auto"
-    why_single = "a gap that was not crossed has a lower bound only" if one_sided_gap else why_single_candidate(
-        white)
+    why_single = ("the half gap has only a lower bound, as the gap was not crossed" if one_sided_gap else
+                  why_single_candidate(white))
     if is_default and not why_single:
         field = candidates_of(white, options.hold)
         if explanation := choose_explanation(field):
             return DefaultFit(explanation, field.rivals)
-        why_single = "no other explanation of the record can be simulated"
+        why_single = "no other candidate model can be simulated"
     plain = with_coloured_noise(white)
     return DefaultFit(None, (plain, white, plain),
                       f"Fitted by innovations alone: {why_single}." if is_default else "")
@@ -185,8 +186,8 @@ def _free_run_error(field: CandidateSet, c: Candidate) -> float:
 def _explains_nothing_finding(error: float, straight: float) -> Finding:
     return Finding(
         "failure", "explains-nothing",
-        "The logged torque explains nothing, whatever was fitted: short free runs err as much as straight "
-        "lines of the speed do. This drive is not that machine, or torque and motion are not of one axis.",
+        "The logged torque explains nothing of the motion in any fit: the errors of short free runs are as large "
+        f"as those of a constant acceleration. {WRONG_MODEL}",
         {"error": error, "error of straight lines": straight},
         "Check the channels, units and signs; run drivetool inspect; try another --drive.")
 
@@ -195,9 +196,8 @@ def _held_out_finding(error: float, straight: float) -> Finding:
     """The same for held-out parts."""
     return replace(
         _explains_nothing_finding(error, straight),
-        text="The logged torque does not explain the parts of the record that were held out: free runs there err "
-             f"{error / straight:.2f} times as much as straight lines of the speed do. This drive is not that "
-             "machine, or torque and motion are not of one axis.")
+        text="The logged torque does not explain the held-out parts of the record: the error of free runs there is "
+             f"{error / straight:.2f} times that of a constant acceleration. {WRONG_MODEL}")
 
 
 def _inertia_at_lower_bound(own: Task) -> bool:
@@ -210,8 +210,7 @@ def _no_inertia_finding(error: float, straight: float) -> Finding:
     """The same for a torque that accelerates no inertia."""
     return replace(
         _explains_nothing_finding(error, straight),
-        text="The motion follows the logged torque best without any inertia, and not well. This drive is not that "
-             "machine, or torque and motion are not of one axis.")
+        text=f"The estimated inertia is at its lower bound, and the fit is poor. {WRONG_MODEL}")
 
 
 def choose_candidate(errors: Mapping[str, float], measured: bool = False) -> str:
@@ -317,21 +316,21 @@ def _choice_sentence(field: CandidateSet, errors: Mapping[str, float], name: str
     if kind == "coloured" and field.candidates[name].outcome.fit.noise.memory is None:
         kind = "white"
     residual = RESIDUAL_SENTENCES[kind]
-    removed = (f"{len(laws)} law{'s' if len(laws) > 1 else ''} removed after a test on held-out data, " if laws
-               else "")
+    removed = (f"{len(laws)} effect{'s' if len(laws) > 1 else ''} estimated and subtracted after a test on "
+               "held-out data; " if laws else "")
     if measured:
         why = "the logged torque is a measurement, whose noise did not act on the drive"
     elif has_gap(field.task):
         length = f"{run_length(field.task):.2g} s"
-        why = (f"across a gap that is the most accurate, and the fit to free runs of {length} is compared with it"
+        why = (f"this fit is the most accurate with backlash, and is compared with the fit to free runs of {length}"
                if _credible(errors, "free runs, laws", measured) else
-               f"no other fit is credible, the one to free runs of {length} errs too much")
+               f"no other fit is credible, as the error of the fit to free runs of {length} is too large")
     elif kind == "free runs":
-        why = f"the free runs of the next best explanation err more than {MAX_FREE_RUN_ERROR_RATIO:g} times as much"
+        why = f"the free-run error of the next best candidate is over {MAX_FREE_RUN_ERROR_RATIO:g} times as large"
     else:
         least = min(e for n, e in errors.items() if n != "free runs, laws")
         error_ratio = errors[name] / least if least > 0.0 else 1.0
-        why = f"its free runs of a second err {error_ratio:.2f} times as much as the best of all explanations"
+        why = f"its one-second free-run error is {error_ratio:.2f} times the smallest of all candidates"
     text = f"{removed}{residual}; {why}."
     return text[0].upper() + text[1:]
 
@@ -355,8 +354,9 @@ def _torque_noise_finding(laws: Sequence[FoundLaw], task: Task) -> tuple[Finding
     law = next(law for law in laws if law.name == MEASUREMENT_NOISE)
     return (Finding(
         "note", "torque-measurement-noise",
-        f"{abs(law.factors[0]):.2g} {task.experiments[0].torque_unit} rms of the logged torque is measurement "
-        "noise that does not act on the drive. The fit removes it.", {"rms": law.factors[0], "std": law.std[0]},
+        f"The logged torque contains {abs(law.factors[0]):.2g} {task.experiments[0].torque_unit} rms of "
+        "measurement noise, which does not act on the drive. The fit removes it.",
+        {"rms": law.factors[0], "std": law.std[0]},
         "State torque_is: measurement in the channel map; log the torque command if the drive offers it."),)
 
 

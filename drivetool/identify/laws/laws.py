@@ -30,7 +30,7 @@ TORQUE_HARMONICS = range(3, 41)  # of the angle, above the two that gravity and 
 
 
 Part = Literal["friction", "inertia", "idle torque", "nothing"]
-MEASUREMENT_NOISE = "the drive does not feel the noise of the logged torque"
+MEASUREMENT_NOISE = "measurement noise of the logged torque"
 
 
 @dataclass(frozen=True)
@@ -91,25 +91,25 @@ def law_library(body_motions: Motions, turns: bool, body: str = "motor", name_su
             found.append(Law(name + name_suffix, tuple(c / size for c in columns), part, share, body, parameter))
 
     if turns_back(motions):
-        law("friction differs by direction", lambda m, v, t: [np.abs(v)])
-        law("friction changes with time", lambda m, v, t: [t * m.side])
+        law("direction-dependent friction", lambda m, v, t: [np.abs(v)])
+        law("time-varying friction", lambda m, v, t: [t * m.side])
     if body != "motor":
         law("dry friction", lambda m, v, t: [m.side], "friction", parameter=f"{body}.coulomb")
-    law("friction grows with the square of the speed", lambda m, v, t: [v * np.abs(v)], "friction")
+    law("friction that grows with the square of the speed", lambda m, v, t: [v * np.abs(v)], "friction")
     for w in STRIBECK_WIDTHS:
-        law(f"{STRIBECK_NAME} below {w:g} of the top speed",
+        law(f"{STRIBECK_NAME} with a Stribeck speed of {w:g} times the maximum speed",
             lambda m, v, t, w=w: [m.side * np.exp(-(v / w) ** 2)], "friction")
-    law("the torque drifts", lambda m, v, t: [t])
+    law("torque changing linearly with time", lambda m, v, t: [t])
     orders = [k for k in (1, 2, *TORQUE_HARMONICS) if turns
               and np.sum(_mean_over_angles(motions, k) ** 2) < MAX_CONSTANT_SHARE]
-    for k, name in ((1, "inertia changes once a turn"), (2, "inertia changes with the angle")):
+    for k, name in ((1, "inertia varying once per turn"), (2, "inertia varying twice per turn")):
         if k in orders:
             law(name, lambda m, v, t, k=k: [
                 m.acceleration * np.cos(k * m.angle) - 0.5 * k * m.speed**2 * np.sin(k * m.angle),
                 m.acceleration * np.sin(k * m.angle) + 0.5 * k * m.speed**2 * np.cos(k * m.angle)],
                 "inertia", _mean_over_angles(motions, k))
     for k in orders:
-        law(f"torque repeats {k} times a turn",
+        law(f"torque ripple of order {k}",
             lambda m, v, t, k=k: [np.cos(k * m.angle), np.sin(k * m.angle)])
     return tuple(found)
 
@@ -145,8 +145,9 @@ def model_error(shares: Mapping[str, float], guess: str | None = None) -> Findin
     heavy  laws with their shares of the torque; guess: the one to report, None: the largest
     """
     guess = guess or (max(shares, key=shares.__getitem__) if shares else None)
-    text = "The model lacks something physical" + (f" (best guess: {guess})" if guess else "")
+    text = "The model lacks a physical effect" + (f" (most likely {guess})" if guess else "")
     return Finding(
         "warning", "model-error", f"{text}; a noise model would hide it.",
         {f"share of the torque: {n}": s for n, s in shares.items()},
-        "Run diagnose on this file; intervals, where there are any, include what the explanations disagree in.")
+        "Run diagnose on this file; intervals, where there are any, include the differences between the candidate "
+        "models.")

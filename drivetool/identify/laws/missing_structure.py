@@ -117,13 +117,13 @@ def missing_gap_finding(lack: MissingStructure, shaft: str) -> Finding:
     stiffness = float(drive.values[f"{shaft}.stiffness"])
     return Finding(
         "warning", "gap-left-out",
-        f"The model lacks a gap: with a half gap of about {half_gap:.2g} {drive.motion_unit} in {shaft} the record "
-        f"is likelier by {lack.gain:.3g} in log likelihood. Without it the fitted stiffness is not that of "
-        f"{shaft}, and gets no interval.",
+        f"The model lacks a gap: with a half gap of about {half_gap:.2g} {drive.motion_unit} in {shaft} the log "
+        f"likelihood is higher by {lack.gain:.3g}. Without the gap the stiffness estimate of {shaft} is biased and "
+        "gets no interval.",
         {"log_likelihood_gain": lack.gain, "wanted": MIN_STRUCTURE_GAIN, "half_gap": half_gap,
          "stiffness_with_gap": stiffness},
         f"Fit it too: --free {shaft}.half_gap --set {shaft}.half_gap={half_gap:.2g} --set "
-        f"{shaft}.stiffness={stiffness:.3g}; if there is none, say --set {shaft}.half_gap=0.")
+        f"{shaft}.stiffness={stiffness:.3g}; if there is no gap, state it with --set {shaft}.half_gap=0.")
 
 
 def missing_mass_finding(lack: MissingStructure) -> Finding:
@@ -136,9 +136,9 @@ def missing_mass_finding(lack: MissingStructure) -> Finding:
     first = drive.shafts[0]
     return Finding(
         "warning", "mass-left-out",
-        f"The model lacks a third mass: with about {100.0 * share:.2g} % of the {drive.load}'s inertia on a shaft "
-        f"of its own, at {frequency:.3g} Hz, the record is likelier by {lack.gain:.3g} in log likelihood. Without "
-        f"it the fitted stiffness is not that of {first}, and gets no interval.",
+        f"The model lacks a third mass. About {100.0 * share:.2g} % of the {drive.load}'s inertia on a further "
+        f"shaft, with a resonance at {frequency:.3g} Hz, raises the log likelihood by {lack.gain:.3g}. Without the "
+        f"third mass the stiffness estimate of {first} is biased and gets no interval.",
         {"log_likelihood_gain": lack.gain, "wanted": MIN_STRUCTURE_GAIN, "share": share, "frequency": frequency,
          "stiffness_with_third_mass": float(drive.values[f"{first}.stiffness"])},
         "Fit it too with --drive three-mass, or run diagnose; a sensor at the load shows it best.")

@@ -53,7 +53,8 @@ def check_no_signal_path(drive: Drive, free: Sequence[str]) -> None:
     acting = [n for n in SIGNAL_PATHS if n in free or drive.value(n) != drive.quantity(n).neutral]
     acting += [n for n in drive.values if is_constant(n)]  # not the constant that made the torque
     if acting:
-        raise BadOption("torque and motion logged as they act, for --criterion inverse", ", ".join(acting),
+        raise BadOption("torque and motion without delay, filter or torque constant in the signal path, for "
+                        "--criterion inverse", ", ".join(acting),
                         "Leave --criterion out: a simulation models such a path.")
 
 

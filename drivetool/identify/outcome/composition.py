@@ -169,11 +169,12 @@ def inconsistent_with_prior(known: Covariance | None, before: Drive, after: Driv
         return []
     return [Finding(
         "warning", "inconsistent-with-prior",
-        f"{'; '.join(text for text, _ in off.values())} in the file: an effect that one of the two steps lacks "
-        "biases these values.",
+        f"{'; '.join(text for text, _ in off.values())} in the parameter file. One of the two fits lacks an "
+        "effect and is biased.",
         {name: z for name, (_, z) in off.items()},
-        "Run diagnose on both recordings; friction of the load, say, is fitted with --free load.coulomb "
-        "--set load.coulomb=1. Friction and load may change between days: this record's values hold for itself.")]
+        "Run diagnose on both recordings; for example, fit the friction of the load with --free load.coulomb "
+        "--set load.coulomb=1. Friction and load may change between days: the values fitted here are valid for "
+        "this record.")]
 
 
 def _contradicted_start_findings(outcome: Outcome) -> list[Finding]:
@@ -210,7 +211,8 @@ def _not_converged_finding(outcome: Outcome) -> Finding:
         "The fit did not converge: it was still improving when it was stopped, or no second start "
         "reached the same optimum. No intervals are given.",
         {"log_likelihood_gain": float(outcome.fit.gain), "rounds": outcome.fit.rounds},
-        "Start nearer with --set, hold what is known with --hold, or use a livelier or a gap-free record.")
+        "Give better start values with --set, hold what is known with --hold, or use a record with more "
+        "excitation or without gap crossings.")
 
 
 def held_value_sensitivity(outcome: Outcome, known: Covariance | None) -> tuple[np.ndarray, Covariance] | None:
@@ -244,7 +246,7 @@ def _held_value_covariance(outcome: Outcome, known: Covariance | None) -> tuple[
         return extra, []
     return extra, [Finding(
         "note", "held-values-dominate",
-        f"The interval of {', '.join(heavy)} comes mostly from the uncertainty of the values that were held.",
+        f"The uncertainty of held values dominates the interval of {', '.join(heavy)}.",
         heavy, f"This record may identify them better: add --free {' --free '.join(held.names[:4])}.")]
 
 
@@ -345,13 +347,13 @@ def noise_parameters(outcome: Outcome) -> tuple[dict[str, float], list[Finding]]
     if any(e.torque_is == "measurement" for e in task.experiments):
         findings.append(Finding(
             "warning", "torque-source",
-            "The logged torque is a measurement: its noise was not applied to the drive, and no weighting "
-            "repairs that.", {"torque_std": noise["torque_std"]},
+            "The logged torque is a measurement: its noise does not act on the drive, and weighting "
+            "cannot remove the bias.", {"torque_std": noise["torque_std"]},
             "Log the torque command if the drive offers it."))
     elif all(e.torque_is == "unknown" for e in task.experiments):
         findings.append(Finding(
             "note", "torque-source",
-            "The logged torque is taken as the command, with the noise between it and the shaft.", {},
+            "The logged torque is taken as the command, with torque noise acting on the drive.", {},
             "State torque_is: command or measurement in the channel map."))
     return noise, findings
 

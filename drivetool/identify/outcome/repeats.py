@@ -183,7 +183,9 @@ def with_scatter(lines: Sequence[Parameter], covariance: Covariance | None, name
 def _scatter_finding(reported: Mapping[str, tuple[str, float]]) -> Finding:
     return Finding(
         "note", "records-scatter",
-        f"Between recordings the standard deviation is: {', '.join(text for text, _ in reported.values())}. "
-        "This is more than the noise within them explains. The intervals hold for the machine and include it.",
+        f"The parameters vary between recordings (standard deviation): "
+        f"{', '.join(text for text, _ in reported.values())}. "
+        "This is more than the noise within them explains. The intervals hold for the machine and include this "
+        "scatter.",
         {name: value for name, (_, value) in reported.items()},
         "State what was changed on purpose with --record; more recordings determine the scatter better.")

@@ -143,5 +143,6 @@ def _refuse_scatter(points: SteadyPoints, rmse: float, probability: float, dof: 
     rms = float(np.sqrt(np.mean(points.torque**2)))
     if dof > 0 and probability < SCATTER_SIGNIFICANCE and rmse > 0.5 * rms:
         raise NotEnoughData(
-            f"steady torques on a line ({what})", f"a scatter of {rmse:.3g} about it, of {rms:.3g} in all",
+            f"steady points close to a friction line ({what})",
+            f"a scatter of {rmse:.3g} about the line, with an rms torque of {rms:.3g}",
             "Keep the load constant while the speed is stepped, and check both channels.")

@@ -57,13 +57,13 @@ def line_parameter(name: str, key: str, task: LineTask, points: SteadyPoints, li
         free, std = line.at_bound[key]
         return Parameter(name, 0.0, unit, start, ci95=(0.0, max(0.0, free + line.quantile * std)),
                          status="at-bound",
-                         reason=f"came out negative ({free:.4g} +- {std:.2g} {unit}), which friction cannot be")
+                         reason=f"estimated as {free:.4g} +- {std:.2g} {unit}; friction cannot be negative")
     if key in line.conditional:
         return Parameter(name, value, unit, start, status="not-identifiable",
                          reason=_why_not_identifiable(key, points, line))
     if key not in line.free:
         return Parameter(name, value, unit, start, status="not-identifiable",
-                         reason="one direction only: counted in the idle torque; steady running in both "
+                         reason="one direction only: included in the idle torque; steady running in both "
                          "directions separates them")
     at = line.free.index(key)
     std = float(np.sqrt(line.covariance[at, at]))
@@ -76,7 +76,7 @@ def _why_not_identifiable(key: str, points: SteadyPoints, line: FrictionLine) ->
     speed = float(np.mean(points.levels))
     if key == "viscous":
         return f"all intervals are at one speed ({speed:.4g}): assumed; run at two or more speeds"
-    return (f"known only together with the viscous friction, assumed {line.values['viscous']:.4g}, because "
+    return (f"identifiable only jointly with the viscous friction (assumed {line.values['viscous']:.4g}), because "
             f"all intervals are at one speed ({speed:.4g}); run at two or more speeds")
 
 
@@ -95,12 +95,12 @@ def line_findings(task: LineTask, points: SteadyPoints, line: FrictionLine, driv
             "warning", "single-speed",
             f"All steady intervals are at one speed ({speed:.4g}), so {conditional_names} "
             "cannot be separated.", {"speed": speed, "torque": float(np.mean(points.torque))},
-            "Record steady intervals at two or more speeds, the farther apart the better."))
+            "Record steady intervals at two or more speeds, as different as possible."))
     for key, (value, std) in line.at_bound.items():
         name = task.names[key]
         found.append(Finding(
             "warning" if value < -2 * std else "note", "negative-estimate",
-            f"{name} came out negative ({value:.4g} +- {std:.2g}) and was set to zero.",
+            f"The estimate of {name} is negative ({value:.4g} +- {std:.2g}) and was set to zero.",
             {"value": value, "std": std},
             "Check for friction that falls with speed (Stribeck), a load that changes, or a wrong sign.", name))
     if line.unexplained:
@@ -114,8 +114,8 @@ def line_findings(task: LineTask, points: SteadyPoints, line: FrictionLine, driv
     still = intervals - len(points.speed)
     if still:
         found.append(Finding(
-            "note", "stretches-left-out", f"{still} steady intervals at standstill are left out: sticking "
-            "friction takes any torque there.", {"intervals": still}))
+            "note", "stretches-left-out", f"{still} steady intervals at standstill are left out: static "
+            "friction there balances any torque.", {"intervals": still}))
     return found
 
 
@@ -124,9 +124,9 @@ def coulomb_body_findings(task: LineTask, drive: Drive) -> list[Finding]:
     if len(drive.bodies) == 1:
         return []
     return [Finding(
-        "note", "location-not-identifiable", f"{task.names['coulomb']} stands for the Coulomb friction of all "
-        "bodies; steady running does not identify where it acts.", {},
-        "A record with many slow reversals, or a shaft torque sensor, identifies it.")]
+        "note", "location-not-identifiable", f"{task.names['coulomb']} is the sum of the Coulomb friction of "
+        "all bodies; steady running does not identify where it acts.", {},
+        "Record many slow reversals, or log the shaft torque.")]
 
 
 def point_list(task: LineTask, points: SteadyPoints) -> list[dict[str, object]]:
@@ -180,7 +180,7 @@ def record_plot(what: str, experiment: Experiment, spans: Sequence[tuple[int, ..
 def one_direction_finding(idle: str, forward: int, backward: int) -> Finding:
     """That an idle torque has the Coulomb friction in it; idle: its name; the intervals of either direction."""
     return Finding(
-        "note", "idle-torque-not-separable", "All steady intervals turn one way, so idle torque and "
-        f"Coulomb friction cannot be separated; {idle} holds the idle torque {'plus' if forward else 'less'} "
-        "the Coulomb friction.", {"forward": forward, "backward": backward},
+        "note", "idle-torque-not-separable", "All steady intervals have one direction of motion, so idle "
+        f"torque and Coulomb friction cannot be separated; {idle} holds the idle torque "
+        f"{'plus' if forward else 'less'} the Coulomb friction.", {"forward": forward, "backward": backward},
         "Add steady intervals in the other direction, if the machine may turn that way.")

@@ -72,7 +72,7 @@ def fit_structure(stretches: Sequence[Stretch], structure: Structure) -> PemFit:
     oe = [_fit_from(stretches, replace(structure, kind="oe", rate=rate), values)
           for cost, rate, values in starts[:2] if np.isfinite(cost)]
     if not oe:
-        raise NotEnoughData("a record that a model of this order can be started from", "none that converged",
+        raise NotEnoughData("a record on which a fit of this order converges", "none that converged",
                             "Excite more, or lower --order.")
     problem, solution = min(oe, key=lambda found: found[1].cost)
     if structure.kind != "oe":

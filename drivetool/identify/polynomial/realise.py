@@ -76,8 +76,8 @@ def conversion(drive: Drive, f: ModelFigures, differenced: int = 0) -> tuple[Cha
     start = {} if f.unstable else undamped(drive, f)
     if not start:
         return {}, None, (
-            f"{n} bodies need {n - 1} notches and resonances in turn, a notch first; the model of order "
-            f"{s.order} has "
+            f"a chain of {n} bodies has {n - 1} anti-resonances and resonances that alternate, anti-resonance "
+            f"first; the model of order {s.order} has "
             f"{len(f.notches)} and {len(f.resonances)}" + (", and is unstable" if f.unstable else ""))
     names = tuple(name for name in drive.quantities if name in start)
     problem = _response_problem(drive.with_values(start), names, f, differenced)

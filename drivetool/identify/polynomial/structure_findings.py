@@ -36,7 +36,8 @@ def bodies_advice(drive: Drive, kind: str, order: int, table: Sequence[Mapping])
     scores = ", ".join(f"{n}: {'unstable' if v is None else f'{v:.1f} %'}" for n, v in fits.items())
     needed, have = (order + 1) // 2, len(drive.bodies)
     text = (f"{needed} bod{'y suffices' if needed == 1 else 'ies suffice'}: fitted on the first part of the "
-            f"records, {kind} models of that many bodies simulate the rest with {scores}.")
+            f"records, {kind} models simulate the remaining part with a fit, by number of "
+            f"bodies, of {scores}.")
     evidence = {f"held_out_fit_percent_{n}": v for n, v in fits.items() if v is not None} | {
         "bodies": needed, "bodies_of_the_drive": have}
     if needed == have:
@@ -64,7 +65,7 @@ def _incoherence_findings(data: PolynomialData, explained: float | None) -> list
     return [Finding(
         "failure", "low-coherence",
         f"The coherence of torque and {data.role.replace('_', ' ')} is below {MIN_COHERENCE} at "
-        "every frequency: the model is one of noise.", {"largest_coherence": float(np.nanmax(coherence))},
+        "every frequency: the model describes only noise.", {"largest_coherence": float(np.nanmax(coherence))},
         "Check the channels and their clocks, excite more, or record longer.")]
 
 
@@ -87,9 +88,9 @@ def _noise_findings(f: ModelFigures, data: PolynomialData) -> list[Finding]:
     evidence = {"errors_white_p": fit.whiteness_p, "share_of_torque_from_sensor": loop.share}
     if loop.significant:
         return [Finding(
-            "warning", "residual-correlated", f"The torque depends on the sensor ({100 * loop.share:.2g} % of what "
-            f"its own past does not predict), and the errors of the {kind} model are not white: in closed loop a "
-            "direct fit is unbiased only with the right noise model.", evidence,
+            "warning", "residual-correlated", "The torque is in feedback: the sensor explains "
+            f"{100 * loop.share:.2g} % of its innovations. The residual of the {kind} model is correlated; in "
+            "closed loop a direct fit is unbiased only with the right noise model.", evidence,
             "Compare with --structure bj of a higher --noise-order, or innovations; "
             "or log the reference and use spectra.")]
     if kind in ("arx", "armax"):
@@ -97,9 +98,9 @@ def _noise_findings(f: ModelFigures, data: PolynomialData) -> list[Finding]:
             "warning", "residual-correlated", f"The errors of the {kind} model are not white, so that its poles "
             "are biased towards the noise, even in open loop.", evidence, "Use --structure oe, bj or innovations.")]
     return [Finding(
-        "note", "residual-correlated", f"The errors of the {kind} model are not white; the intervals include their "
-        "colour as far as an autoregression describes it.", evidence,
-        "The residual has a nonlinearity or a disturbance: compare spectra." + ("" if kind == "innovations" else
+        "note", "residual-correlated", f"The residual of the {kind} model is correlated; the intervals account "
+        "for it by an autoregressive model.", evidence,
+        "The cause is a nonlinearity or a disturbance: inspect spectra." + ("" if kind == "innovations" else
         " Torque noise that excites the resonance needs --structure innovations."))]
 
 
@@ -123,5 +124,5 @@ def _order_findings(f: ModelFigures) -> list[Finding]:
 
 
 def _no_conversion_findings(why: str) -> list[Finding]:
-    return [Finding("note", "no-conversion", f"No inertias and stiffnesses follow: {why}.", {},
+    return [Finding("note", "no-conversion", f"The model is not converted to inertias and stiffnesses: {why}.", {},
                     "Choose --order 2 n - 1 for n bodies, or another --drive.")] if why else []

@@ -52,7 +52,7 @@ def polynomial_blackbox(experiments: Sequence[Experiment], drive: Drive, options
         raise BadOption("an order of at least 1", f"{options.order}", "Correct --order or --noise-order.")
     if options.criterion == "frequency" and kind != "oe":
         raise BadOption("structure oe for a fit in the frequency domain", kind,
-                        "Without a noise model there is nothing else to fit to a response.")
+                        "Use --structure oe: a frequency response has no noise model.")
     drive.require(options.hold, "holding them (--hold)")
     data = data_of(experiments)
     _check_changes(data)
@@ -103,7 +103,7 @@ def simulated_fit(fit: PemFit, step: float, stretches: Sequence[Stretch]) -> flo
         return None
     pairs = [simulate_on(fit, s) for s in stretches if len(s.y) >= 3 * (fit.structure.order + 1)]
     if not pairs:
-        raise NotEnoughData("a stretch to check on", "only shorter ones", "Record longer.")
+        raise NotEnoughData("a stretch long enough for cross-validation", "only shorter ones", "Record longer.")
     return fit_percent(np.concatenate([y for y, _ in pairs]), np.concatenate([x for _, x in pairs]))
 
 

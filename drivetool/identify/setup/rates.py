@@ -25,8 +25,8 @@ def rates_left_out(step: str, experiments: Sequence[Experiment], options: Option
         return []
     return [Finding(
         "warning", "rate-changes",
-        f"{step} uses only the {e.used} samples of {e.name} at {e.rate}; left out are "
-        f"{' and '.join(f'{o.used} at {o.rate} ({o.used * o.step:.4g} s)' for o in e.others)}.",
+        f"{step} uses only the {e.used} samples of {e.name} at {e.rate}, since its rate changes. It leaves "
+        f"out {' and '.join(f'{o.used} at {o.rate} ({o.used * o.step:.4g} s)' for o in e.others)}.",
         {"samples": e.used, "left_out": sum(o.used for o in e.others),
          "seconds_left_out": sum(o.used * o.step for o in e.others)},
         "Record at one rate; steady, blackbox, greybox and backlash fit every rate.")

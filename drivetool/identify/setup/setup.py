@@ -55,7 +55,7 @@ def roles_of(experiments: Sequence[Experiment], drive: Drive) -> Roles:
         if e.input_units:
             raise BadRecording(f"one unit of torque for all roles of {e.name}", ", ".join(
                 f"{role} in {e.unit(role)}" for role in e.signals if role.endswith("torque")),
-                "Make torques of the inputs first, with as_torques and motor.torque_constant.")
+                "Convert the inputs to torques first, with as_torques and motor.torque_constant.")
     inputs = tuple(r for r in INPUTS if r in common and quantity(r) == "torque"
                    and (r != "motor2_torque" or "motor2" in drive.bodies))
     if fed_by_voltages(drive):
@@ -63,7 +63,7 @@ def roles_of(experiments: Sequence[Experiment], drive: Drive) -> Roles:
     outputs = [chosen for choices in sensors_of(drive) for chosen in [c for c in choices if c in common][:1]]
     if not outputs:
         raise BadRecording(
-            "a motor speed or motor angle", "neither in every recording",
+            "a motor speed or motor angle", "no such channel common to all recordings",
             "Name its channel in the channel map.", sorted(common))
     return Roles(inputs, tuple(outputs))
 

@@ -93,7 +93,8 @@ def _known_in_recording(start: KnownStart, drive: Drive, free: Sequence[str], ro
     found |= {"angle" if name == angle else name: float(value) for name, value in start.states.items()}
     if angle in start.states and "angle" not in states:
         raise BadOption(f"a measured angle, or a torque that depends on it, for a start value of {angle}",
-                        "neither", "Leave it out: nothing depends on it.", state_names(drive)[:-1])
+                        "neither", "Leave out this start value: the model does not depend on the angle.",
+                        state_names(drive)[:-1])
     return found
 
 
@@ -129,11 +130,11 @@ def contradicted_start_findings(drive: Drive, roles: Roles, problem: Problem, po
                         and np.isfinite(std[j])
                         and abs(estimated[j] - start[j]) > MIN_START_CONTRADICTION * std[j]}
         if contradicted and _changes_free_run(plant, trace, start, estimated, list(contradicted.values())):
-            descriptions = [f"{n} is {estimated[j]:.3g} +- {std[j]:.1g} and not {start[j]:.3g}"
+            descriptions = [f"{n} is {estimated[j]:.3g} +- {std[j]:.1g} instead of {start[j]:.3g}"
                             for n, j in contradicted.items()]
             found.append(Finding(
                 "warning", "held-value-rejected",
-                f"By its first samples {trace.name} does not begin in the stated state: {'; '.join(descriptions)}. "
+                f"The first samples of {trace.name} reject the stated start state: {'; '.join(descriptions)}. "
                 "The fitted values compensate for it and are biased.",
                 {f"{n} over std": float((estimated[j] - start[j]) / std[j]) for n, j in contradicted.items()},
                 "Leave --start out, state the state in which the recording begins, or begin where the drive rests: "

@@ -101,8 +101,8 @@ def _with_supply_on(e: Experiment, on: np.ndarray) -> Experiment:
         return e
     return replace(e, segments=tuple(kept), findings=(*e.findings, Finding(
         "note", "stretches-left-out",
-        f"{lost * e.step:.4g} s of {e.name} without supply are left out: no voltage of the "
-        "open stator is known there.", {"seconds": lost * e.step},
+        f"{lost * e.step:.4g} s of {e.name} without supply are left out: the stator "
+        "voltage is unknown there.", {"seconds": lost * e.step},
         "To evaluate a coast-down, use steady --method coast-down.")))
 
 

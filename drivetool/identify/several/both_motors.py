@@ -135,15 +135,15 @@ def _swap_outcome_sentence(found: Swap, differ: Sequence[SwapLine]) -> str:
         return "No parameter has an interval in both files, so the two sides cannot be compared."
     test = f"chi-square {found.chi_square:.3g} of {found.degrees}, p {found.p:.2g}"
     if found.agree:
-        return f"The two sides agree: {test}."
+        return f"The estimates from the two motors agree: {test}."
     if not differ:
-        return (f"The two sides differ, though no parameter by itself is beyond "
-                f"{MIN_SIGNIFICANT_RATIO:g} joint std: {test}.")
+        return (f"The estimates from the two motors differ, although no single parameter differs by more than "
+                f"{MIN_SIGNIFICANT_RATIO:g} joint standard deviations: {test}.")
     worst = sorted(differ, key=lambda line: -abs(line.ratio or 0.0))
     text = ", ".join(f"{line.first} ({_percent_change(line)}{line.ratio:+.2g} std)"
                      for line in worst[:MAX_LISTED_PARAMETERS])
     more = f" and {len(worst) - MAX_LISTED_PARAMETERS} more" if len(worst) > MAX_LISTED_PARAMETERS else ""
-    return f"The two sides differ in {text}{more}: {test}."
+    return f"The estimates from the two motors differ in {text}{more}: {test}."
 
 
 def _percent_change(line: SwapLine) -> str:

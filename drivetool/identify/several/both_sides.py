@@ -16,12 +16,12 @@ from drivetool.identify.estimate import Covariance
 MIN_SIGNIFICANT_RATIO = 3.0
 FILE_ROUNDING = 1e-8  # relative difference below which two values are one: ten digits are written
 
-OTHER_MOTOR = "of the motor's converter or sensor, and the other file has those of the other motor"
+OTHER_MOTOR = "belongs to the converter or sensor of one motor; the two files have different motors"
 OTHER_NOTCH = "the anti-resonance is that of the load, and the two files have different loads"
 ONE_RECORD = "of one recording alone"
 PHASE = "it depends on where the recording's angle is zero"
-EQUAL = "the same value in both files, not fitted in both: it says nothing"
-CARRIED = "the same value and interval in both files, so from one source: it says nothing"
+EQUAL = "the same value in both files, not fitted in both: no comparison"
+CARRIED = "the same value and interval in both files, so from one source: no independent comparison"
 
 
 @dataclass(frozen=True)

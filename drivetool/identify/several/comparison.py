@@ -275,9 +275,9 @@ def _best_structure_sentence(cross: Mapping[tuple[str, str, str], float | None])
         if others and all(v is not None for v in others):
             scores[structure] = float(np.mean(others))
     if not scores:
-        return "no structure simulates all the other records"
+        return "no structure can be simulated on all other records"
     best = max(scores, key=scores.get)
-    return (f"{best} simulates records it was not fitted on best: {scores[best]:.1f} % on average"
+    return (f"{best} has the best simulation fit on records it was not fitted on: {scores[best]:.1f} % on average"
             + "".join(f", {s} {v:.1f} %" for s, v in scores.items() if s != best))
 
 
@@ -307,7 +307,8 @@ def _moving_notch_findings(structure: str, models: Sequence[FittedStructure]) ->
         return []
     return [Finding(
         "warning", "nonlinear-distortion",
-        f"{structure}: the first notch is {known[low][0]:.4g} rad/s on {low} and "
-        f"{known[high][0]:.4g} on {high}, {shift / std:.0f} standard deviations apart: the records are not of one "
-        "linear drive.", {"low": known[low][0], "high": known[high][0], "std": std},
-        "A lower notch at a lower amplitude points to backlash: compare amplitudes, and excite odd lines only.")]
+        f"{structure}: the first anti-resonance is {known[low][0]:.4g} rad/s on {low} and "
+        f"{known[high][0]:.4g} on {high}, {shift / std:.0f} standard deviations apart. No single linear model "
+        "describes both records.", {"low": known[low][0], "high": known[high][0], "std": std},
+        "A lower anti-resonance at a lower amplitude points to backlash: compare amplitudes, and excite odd lines "
+        "only.")]

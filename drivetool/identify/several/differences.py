@@ -97,20 +97,21 @@ def difference_findings(found: Sequence[Difference], machines: bool = False) -> 
     if machines:
         return [Finding(
             "warning", "parameters-differ",
-            f"{significant[0].structure}: {_most_significant_listed(significant)}. Each machine varies less from "
-            "recording to recording.",
+            f"{significant[0].structure}: {_most_significant_listed(significant)}. The scatter within "
+            "each machine is smaller.",
             {f"{d.name} {d.first} {d.second}": d.p for d in significant},
             "Look for wear, lubrication or another load where friction or inertia differs.")]
     return [Finding(
         "warning", "parameters-differ",
         f"{significant[0].structure}: {_most_significant_listed(significant)}. The noise within the records does "
-        "not explain it. One record each does not distinguish another machine from another day.",
+        "not explain it. With one record per machine, a difference between machines cannot be separated from one "
+        "between days.",
         {f"{d.name} {d.first} {d.second}": d.p for d in significant},
         "Record each machine several times, at different times, and compare with --machine.")]
 
 
 def _most_significant_listed(differ: Sequence[Difference]) -> str:
     """The three most significant ones."""
-    text = "; ".join(f"{d.name} {d.change:+.3g} {d.unit} from {d.first} to {d.second} (+- {d.std:.2g}, p {d.p:.2g})"
-                     for d in sorted(differ, key=lambda d: d.p)[:3])
+    text = "; ".join(f"{d.name} differs by {d.change:+.3g} {d.unit} from {d.first} to {d.second} "
+                     f"(+- {d.std:.2g}, p {d.p:.2g})" for d in sorted(differ, key=lambda d: d.p)[:3])
     return text + (f", and {len(differ) - 3} more" if len(differ) > 3 else "")

@@ -41,8 +41,8 @@ def check_shaft_torque(experiments: Sequence[Experiment], drive: Drive) -> None:
         if all(s is not None and s[0] < -SHAFT_SIGN_SIGNIFICANCE * s[1] for s in shares):
             raise BadRecording(
                 f"a {role} in the direction of the motor torque in {e.name}",
-                f"one that falls when that rises, by {-shares[0][0]:.2g} of it",
-                f"Turn it round with sign: -1 at {role} in the channel map.")
+                f"one in the opposite direction, by {-shares[0][0]:.2g} of the motor torque",
+                f"Invert it with sign: -1 at {role} in the channel map.")
 
 
 def shaft_torque_share(experiment: Experiment, role: str, count: int) -> tuple[float, float] | None:

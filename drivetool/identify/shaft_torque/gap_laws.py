@@ -26,7 +26,8 @@ START_DAMPING_SHARES = (0.6, 1.0, 1.6)
 MAX_REPEATED_FITS = 4  # fits in a row until one converges; a choice that bounds the time of a fit that does not
 # Log likelihood behind the likeliest start, a choice: further behind, a start is given up.
 MAX_GAP_START_LOSS = 300.0
-LAW_DESCRIPTIONS = {"inside": "the damping belongs to the contact", "always": "the shaft is damped in its gap too"}
+LAW_DESCRIPTIONS = {"inside": "the damping acts in contact only",
+                    "always": "the damping acts in contact and in the gap"}
 
 
 @dataclass(frozen=True)
@@ -184,24 +185,25 @@ def gap_law_finding(both: BothLaws, shaft: str, converged: bool = True) -> Findi
     if both.lead == float("inf"):
         return Finding(
             "note", "gap-law",
-            f"Only the law by which {LAW_DESCRIPTIONS[law]} could be fitted to this record ({sizes}).", evidence,
+            f"Only one law could be fitted to this record: {LAW_DESCRIPTIONS[law]} ({sizes}).", evidence,
             "Record more passages through the gap.")
     if not converged:
         return Finding(
             "note", "gap-law",
-            f"The fit did not converge, and so does not identify the damping law of the gap ({sizes}).",
-            evidence, "Start nearer with --set, or record more passages through the gap.")
+            f"The damping law of the gap is not identifiable: the fit did not converge ({sizes}).",
+            evidence, "Give better start values with --set, or record more passages through the gap.")
     if both.lead <= MIN_LAW_LEAD:
         return Finding(
             "note", "gap-law",
             f"This record does not distinguish whether {LAW_DESCRIPTIONS['inside']} or "
             f"{LAW_DESCRIPTIONS['always']} ({sizes}).",
             {**evidence, "log_likelihood_lead": both.lead},
-            "Record more passages through the gap, slow ones too: there damping in the gap takes the most.")
+            "Record more passages through the gap, slow ones too: damping in the gap has its largest effect "
+            "there.")
     return Finding(
         "note", "gap-law",
-        f"By this record {LAW_DESCRIPTIONS[law]} (damping_law: {law}): log likelihood {both.lead:.0f} "
-        f"above the other law ({sizes}).", {**evidence, "log_likelihood_lead": both.lead},
+        f"This record supports one law: {LAW_DESCRIPTIONS[law]} (damping_law: {law}). Its log likelihood is higher "
+        f"by {both.lead:.0f} ({sizes}).", {**evidence, "log_likelihood_lead": both.lead},
         "Keep damping_law in the parameter file.")
 
 
@@ -215,8 +217,8 @@ def gap_law_findings(both: BothLaws | None, outcome: Outcome, free: Sequence[str
         more = []
     return [gap_law_finding(both, outcome.drive.shafts[0], converged), *([] if not more else [Finding(
         "note", "gap-refit",
-        f"{', '.join(more)} were fitted together with the half gap: over many passages held values a per cent off "
-        "would lead to a wrong one.", {"values": len(more)}, "Hold what is known for sure with --hold.")])]
+        f"{', '.join(more)} were fitted jointly with the half gap. Over many passages, errors of one per cent in "
+        "held values would bias it.", {"values": len(more)}, "Hold accurately known values with --hold.")])]
 
 
 def dead_stretch_details(both: BothLaws) -> dict[str, object]:

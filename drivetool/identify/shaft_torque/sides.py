@@ -111,8 +111,8 @@ def with_friction_of_file(estimate: Estimate, outcome: Outcome, options: Options
             [covariance.matrix, cross], [cross.T, held.matrix[np.ix_(columns, columns)]]]))
     note = Finding(
         "note", "friction-from-prior",
-        f"{', '.join(from_file)}: this record does not identify {'it' if len(from_file) == 1 else 'them'} to a "
-        "third. What the file says stands, with its uncertainty in all intervals.",
+        f"{', '.join(from_file)}: the standard deviation from this record exceeds a third of the value. The value "
+        "of the parameter file is kept, and all intervals include its uncertainty.",
         {n: float(stds[n]) for n in from_file},
         "Record steps about speeds that differ more, or hold each speed for longer.")
     findings = [f for f in estimate.findings if f.code != "held-values-dominate"]

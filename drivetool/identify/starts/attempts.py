@@ -26,5 +26,5 @@ def without_failed(found: Sequence[T | None]) -> list[T]:
     """
     successful = [each for each in found if each is not None]
     if found and not successful:
-        raise np.linalg.LinAlgError(f"none of {len(found)} starts can be followed")
+        raise np.linalg.LinAlgError(f"all {len(found)} starts failed numerically")
     return successful

@@ -75,7 +75,7 @@ def steady(experiments: Sequence[Experiment], drive: Drive, options: Options) ->
         points = make_points(intervals, task.torque, task.speed)
         if points is None:
             raise NotEnoughData("intervals at a speed other than zero", "only standstill",
-                                "Sticking friction hides the rest at standstill; run at several speeds.")
+                                "At standstill, static friction masks all other friction; run at several speeds.")
         results.append((task, points, fit_line(points, task.held, task.start, task.carried, task.what)))
     return _steady_estimate(experiments, drive, options, intervals, results)
 
@@ -89,7 +89,7 @@ def _check_options(drive: Drive, options: Options) -> None:
     for option, requested in (("--flux-decay", options.flux_decay is not None), ("--stages", bool(options.stages))):
         if requested and options.method != "coast-down":
             raise BadOption(f"--method coast-down with {option}", f"--method {options.method}",
-                            "Say so, or leave it out.")
+                            f"Add --method coast-down, or leave out {option}.")
 
 
 def _overlaps_coast_down(interval: SteadyInterval, stretch: Stretch, experiment: Experiment) -> bool:
@@ -106,8 +106,8 @@ def _coast_down(experiments: Sequence[Experiment], drive: Drive, options: Option
     if options.method == "coast-down":
         return found
     return replace(found, findings=(Finding(
-        "note", "coast-down-assumed", "This is a coast-down: no torque is logged but zeros, and the drive runs "
-        "down.", {}, "Say --method coast-down, or record constant speeds under torque."),
+        "note", "coast-down-assumed", "Taken as a coast-down: no torque other than zero is logged, and the "
+        "speed decreases.", {}, "Use --method coast-down, or record constant speeds under torque."),
         *found.findings))
 
 
@@ -151,7 +151,7 @@ def _line_task(torque: str, speed: str, body: str | None, drive: Drive, options:
             names[key] = free_parts[0]
             owner = free_parts[0].rpartition(".")[0]
             if drive.gear_ratios()[drive.bodies.index(owner)] != 1.0:
-                raise BadOption(f"the {drive.bodies[0]}'s own part free behind a gear",
+                raise BadOption(f"the friction of {drive.bodies[0]} free in a drive with a gear",
                                 f"only {free_parts[0]} free",
                                 f"The line is referred to the motor; hold total.{key}, or none of its parts.")
         elif len(free_parts) == len(parts):
@@ -195,7 +195,7 @@ def _steady_estimate(experiments: Sequence[Experiment], drive: Drive, options: O
         step="steady", drive=drive.with_values(values),
         parameters=tuple(sorted(parameters, key=lambda p: order.index(p.name))),
         outcome=f"{len(points.speed)} steady intervals at {levels} speed{'s' if levels > 1 else ''} in "
-                f"{where}, {rmse:.3g} {drive.torque_unit} rms from the line.",
+                f"{where}, {rmse:.3g} {drive.torque_unit} rms residual.",
         fit={"simulation_fit_percent": None, "one_step_fit_percent": None, "rmse": rmse,
              "n": sum(len(i.signals["motor_torque"]) for i in points.intervals),
              "intervals": len(points.speed), "levels": levels,
@@ -214,8 +214,9 @@ def _magnitude_findings(experiments: Sequence[Experiment]) -> list[Finding]:
         return []
     return [Finding(
         "warning", "torque-unsigned",
-        f"The torque of {', '.join(names)} is a magnitude; it was given the sign of the motion. Where the load is "
-        "larger than the friction and drives, the two change places.", {"recordings": len(names)},
+        f"The torque of {', '.join(names)} is a magnitude; it was given the sign of the motion. If the load "
+        "torque exceeds the friction and drives the motor, load torque and friction are exchanged.",
+        {"recordings": len(names)},
         "Log the torque with its sign if a load acts.")]
 
 
