@@ -134,7 +134,7 @@ def test_verdicts_are_written_by_verify_too_and_nothing_else(here, call, monkeyp
     told = site._trend_files
 
     def locked(outcome, cases, out, say):
-        with pytest.raises(BadOption, match="another batch at work"):  # until all files are written
+        with pytest.raises(BadOption, match="another batch running"):  # until all files are written
             open_manifest(out)
         return told(outcome, cases, out, say)
 

@@ -209,8 +209,8 @@ BAD = {
     "one speed": ((*COAST,), RUN_DOWN),
     "zeros and one speed": ((*COAST,), RUN_DOWN),
     "zeros and standing": ((*COAST,), ("only constant signals", "record while the drive is excited")),
-    "sixteen bits": ((*COAST,), ("starts again", "`wrap: 65536`")),
-    "twelve bits": ((*COAST,), ("starts again", "`wrap: 4096`")),
+    "sixteen bits": ((*COAST,), ("overflowing counter", "`wrap: 65536`")),
+    "twelve bits": ((*COAST,), ("overflowing counter", "`wrap: 4096`")),
     "nothing added": (
         ("disc.parquet", *COAST, "--record", "disc.parquet", "motor.added_inertia=5e-5"),
         ("that the added inertia slows", "record again with one about as large")),
