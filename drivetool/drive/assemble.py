@@ -240,7 +240,7 @@ class Assembly:
         """Order of a lag, which cannot be a free parameter."""
         value = self.drive.value(name)
         if value not in self.drive.quantity(name).choice or name in self.layout.free:
-            raise BadParameters(f"{name} of 1 or 2, held", "one that is free" if name in self.layout.free
+            raise BadParameters(f"{name} of 1 or 2, held", "a free parameter" if name in self.layout.free
                                 else f"{value:g}", "Correct it.")
         return int(value)
 

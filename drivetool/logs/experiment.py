@@ -164,8 +164,8 @@ class Experiment:
         """The (n,) signal of a role; BadRecording also where the log has its magnitude only."""
         if role in self.magnitudes:
             raise BadRecording(
-                f"{role} with its sign for {why}", f"its magnitude alone in {self.name} (unsigned: true)",
-                "While the drive brakes, the sign is not in the log: use steady, or log it with its sign.")
+                f"{role} with its sign for {why}", f"only its magnitude in {self.name} (unsigned: true)",
+                "Its sign is unknown while the drive brakes: use steady, or log it with its sign.")
         return self.signal(role, why)
 
     def unit(self, role: str) -> str:

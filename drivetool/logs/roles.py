@@ -69,7 +69,7 @@ NAMED_ROLES: Mapping[str, Role] = MappingProxyType({
     "speed": Role("speed", "sensor", "speed of the body of that name"),
     "angle": Role("angle", "sensor", "angle or position of the body of that name"),
     "torque": Role("torque", "sensor",
-                   "torque in the shaft of that name, positive where it drives what is behind it"),
+                   "torque in the shaft of that name, positive where it drives the bodies on its load side"),
 })
 NAMED_ROLE_PATTERN = rf"^[A-Za-z][A-Za-z0-9_]*_({'|'.join(NAMED_ROLES)})$"
 # Every name that a role can have: those of the table that the pattern does not fit are listed.

@@ -158,12 +158,12 @@ def _verify_results(request: BatchRequest, outcome: SiteOutcome, site: SiteFile,
     mismatches = list(outcome.pending)
     for make_files in (lambda: _summary_files(outcome), lambda: _trend_files(outcome, cases, out, request.say)):
         if not mismatches:
-            mismatches += [f"{path}: it is not what the results give" for path, content in make_files().items()
+            mismatches += [f"{path}: its content differs from the results" for path, content in make_files().items()
                       if not _has_content(out / path, content)]
     for line in mismatches:
         request.write_stdout(f"{line}\n")
     request.say(f"{counted_noun(len(mismatches), 'result')} to be done or written anew" if mismatches
-              else f"all {len(outcome.entries)} results hold")
+              else f"all {len(outcome.entries)} results are current")
     if mismatches:
         return False
     _write_verdicts(request, cases)

@@ -69,7 +69,7 @@ def test_the_summary_has_a_row_per_recording_step_and_parameter(here, call):
     assert not Path("site-results/logs/press1/02/steady.yaml").exists()
     page = Path("site-results/index.html").read_text()
     assert page.index("press1") < page.index("press2")
-    assert 'href="logs/press2/01/steady.yaml"' in page and "1 of 3 verdicts are missed" in page
+    assert 'href="logs/press2/01/steady.yaml"' in page and "1 of 3 checks failed" in page
 
 
 @pytest.mark.slow
@@ -135,7 +135,7 @@ def test_it_says_what_has_changed(here, call):
     assert explained.count("the option --seed (1 -> 2)") == 4
     assert call("batch", "site.yaml", "--verify")[0] == 0
     Path("site-results/summary.csv").write_text("")
-    assert call("batch", "site.yaml", "--verify")[:2] == (3, "summary.csv: it is not what the results give\n")
+    assert call("batch", "site.yaml", "--verify")[:2] == (3, "summary.csv: its content differs from the results\n")
 
 
 @pytest.mark.slow
@@ -167,7 +167,7 @@ def test_a_full_disk_is_one_sentence_and_nothing_is_lost(here):
     run = start("batch", "site.yaml", "--workers", "1", "--quiet", preexec_fn=little_room)
     out, err = run.communicate()
     assert (run.returncode, out) == (1, "")
-    assert err.count("\n") == 1 and "error: wanted to write" in err and "what is done stays done" in err
+    assert err.count("\n") == 1 and "error: wanted to write" in err and "completed steps are kept" in err
     lines = Path("site-results/manifest.jsonl").read_bytes().splitlines()
     assert all(json.loads(line) for line in lines) and json.loads(lines[0]) == {"schema": MANY}
     run = start("batch", "site.yaml", "--quiet")
@@ -206,4 +206,4 @@ def test_one_run_at_a_time(here, call):
     manifest = open_manifest(here / "site-results")
     code, _, err = call("batch", "site.yaml")
     manifest.close()
-    assert code == 2 and "another batch at work there" in err
+    assert code == 2 and "another batch running there" in err

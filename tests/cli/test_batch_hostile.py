@@ -81,7 +81,7 @@ def test_a_name_that_no_library_reads_spoils_no_recording_of_equal_content(here,
     assert [r["recording"] for r in sites.table("site-results") if r["problem"]] == [
         "a/w\\udce4rme.parquet", "d/0.mcap"]
     code, _, err = call("batch", "site.yaml", "--verify")
-    assert code == 3 and "all 5 results hold" in err
+    assert code == 3 and "all 5 results are current" in err
     assert "2 of them run now, 2 with a problem" in call("batch", "site.yaml", "--retry")[2]
 
 
@@ -97,7 +97,7 @@ def test_a_recording_that_is_gone_meanwhile_is_done_once_it_is_back(here, call, 
         patch.setattr(site, "find_recordings", found)
         assert call("batch", "site.yaml")[0] == 3
     os.rename("kept", "logs/press1/01.parquet")
-    assert "its recording could not be read as it was found" in call("batch", "site.yaml", "--verify")[1]
+    assert "its recording was missing or changed during the last run" in call("batch", "site.yaml", "--verify")[1]
     code, _, err = call("batch", "site.yaml")
     assert code == 0 and "1 of them run now" in err
 
@@ -105,7 +105,7 @@ def test_a_recording_that_is_gone_meanwhile_is_done_once_it_is_back(here, call, 
 def test_a_computer_that_does_not_see_the_folder_makes_no_lasting_problem(here):
     answer = run_task({"folder": str(here / "nowhere"), "words": ["steady"]}, "")
     assert retry_reasons({"limit": 0.0, **answer}, {"time": 1.0}, False) == [
-        "its recording could not be read as it was found"]
+        "its recording was missing or changed during the last run"]
 
 
 def test_a_recording_that_cannot_be_read_is_a_row(here, call):
@@ -134,7 +134,7 @@ def test_verdicts_are_written_by_verify_too_and_nothing_else(here, call, monkeyp
     told = site._trend_files
 
     def locked(outcome, cases, out, say):
-        with pytest.raises(BadOption, match="another batch at work"):  # until all files are written
+        with pytest.raises(BadOption, match="another batch running"):  # until all files are written
             open_manifest(out)
         return told(outcome, cases, out, say)
 
@@ -148,14 +148,14 @@ def test_verdicts_are_written_by_verify_too_and_nothing_else(here, call, monkeyp
     assert code == 0 and out.startswith("# drivetool: 2 checks passed")
     assert Path("new/b.xml").read_bytes() == Path("a.xml").read_bytes()
     Path("site-results/trends.yaml").write_bytes(b"\xff")
-    assert call("batch", "site.yaml", "--verify")[1] == "trends.yaml: it is not what the results give\n"
+    assert call("batch", "site.yaml", "--verify")[1] == "trends.yaml: its content differs from the results\n"
 
 
 @pytest.mark.parametrize("content", [b'{"a": 1}\n{"b"', b"no line end", b'{"schema":"drivetool/manifest/2"}\n'])
 def test_a_file_that_is_no_manifest_is_left_alone(tmp_path, content):
     (tmp_path / MANIFEST_FILE).write_bytes(content)
     for reader in read_manifest, open_manifest:
-        with pytest.raises(BadOption, match="none of this version of batch"):
+        with pytest.raises(BadOption, match="this version of batch did not write"):
             reader(tmp_path)
     assert (tmp_path / MANIFEST_FILE).read_bytes() == content
 

@@ -54,8 +54,8 @@ def test_limits_are_rows_and_higher_ones_are_tried(here, call):
     code, _, err = call("batch", "site.yaml", "--time-limit", "0.001", "--workers", "1")
     assert code == 3 and "2 with a problem" in err
     assert [r["problem"] for r in sites.table("site-results")] == [
-        "wanted an end within 0.001 s (--time-limit); found it still at work. Allow more, or make the recording "
-        "shorter."] * 2
+        "wanted an end within 0.001 s (--time-limit); found the step still running. Allow more, or make the "
+        "recording shorter."] * 2
     assert "0 of them run now" in call("batch", "site.yaml", "--time-limit", "0.001")[2]
     assert "2 of them run now" in call("batch", "site.yaml", "--time-limit", "0.001", "--retry")[2]
     code, _, err = call("batch", "site.yaml", "--explain")
@@ -82,7 +82,7 @@ def test_in_a_site_a_recording_that_kills_its_worker_and_one_that_never_ends_are
     problems = [row["problem"] for row in one]
     assert problems[0] is None and problems[3] is None
     assert "its worker process ended first (signal 9, SIGKILL)" in problems[1]
-    assert "within 10 s (--time-limit); found it still at work" in problems[2]
+    assert "within 10 s (--time-limit); found the step still running" in problems[2]
     monkeypatch.setattr(Worker, "give", give)
     assert "0 of them run now, 2 with a problem" in call("batch", "site.yaml", "--time-limit", "10")[2]
     code, _, err = call("batch", "site.yaml", "--time-limit", "10", "--retry")

@@ -177,7 +177,7 @@ def test_too_few_of_one_kind_of_one_unit_or_with_a_value_are_said(call, summary)
     rows.append(replace(rows[0], machine="", recording="lost", parameter=None, value=None, std=None))
     codes, file = codes_of(call, summary, rows)
     assert codes == ["few-recordings", "units-mixed"]
-    assert "give no trend: press 1 has 5, press 3 has 0. " in file["findings"][0]["text"]
+    assert "too few: press 1 has 5, press 3 has 0. " in file["findings"][0]["text"]
     assert "of press 2 in rad old and rad" in file["findings"][1]["text"]
 
 

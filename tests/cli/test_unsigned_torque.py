@@ -64,7 +64,7 @@ def test_what_accelerates_refuses_it_in_one_sentence(call, step):
         for word in ("--set", name))]
     words += {"simulate": ["--out", "x.parquet"], "compare": ["a.parquet"]}.get(step, [])
     code, out, err = call(step, "a.parquet", "--map", "map.yaml", *words)
-    assert (code, out) == (1, "") and "the sign is not in the log" in err and err.count("error:") == 1
+    assert (code, out) == (1, "") and "Its sign is unknown" in err and err.count("error:") == 1
 
 
 @pytest.mark.usefixtures("here")

@@ -198,7 +198,7 @@ def test_a_topic_recorded_twice_is_used_once_and_that_is_said(path, case, kept, 
     assert (finding.severity, finding.code) == ("warning", "topic-duplicated")
     assert finding.evidence == {"topic": "/axis", "used": used, "messages": len(channels[used - 1]),
                                 "left_out": 3 - used, "messages_left_out": len(channels[2 - used])}
-    assert f"/axis is in a.mcap twice: channel {3 - used} has the messages of channel {used}" in finding.text
+    assert f"/axis is in a.mcap twice: channel {3 - used} duplicates the messages of channel {used}" in finding.text
     assert read_recording(path, channel_map("/other")).findings == ()
     assert {f.code for f in inspect_log(path, channel_map()).findings} >= {"topic-duplicated"}
 

@@ -205,7 +205,7 @@ def write_counter_log(tmp_path, bits, unit, dtype, step=0.002, **entry):
 @pytest.mark.parametrize(("bits", "unit", "dtype"), [
     (32, "us", np.uint32), (32, "us", np.float64), (32, "ns", np.uint32), (16, "ms", np.uint16)])
 def test_a_counter_that_starts_again(tmp_path, bits, unit, dtype):
-    with pytest.raises(BadRecording, match=rf"counter of 2\^{bits} {unit} makes.*wrap: {2**bits}"):
+    with pytest.raises(BadRecording, match=rf"overflowing counter of 2\^{bits} {unit}\..*wrap: {2**bits}"):
         write_counter_log(tmp_path, bits, unit, dtype)
     found = write_counter_log(tmp_path, bits, unit, dtype, wrap=2**bits)
     assert found.step == pytest.approx(0.002) and found.segments == ((0, N),) and not codes(found)

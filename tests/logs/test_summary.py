@@ -47,8 +47,8 @@ def test_a_missing_column_is_named(tmp_path, column):
         "value", pa.array(["high"] * 3)), p), "a column value of type double"),
     (lambda p: write_summary(p, [replace(ROWS[0], machine=None)]), "a machine in every row"),
     (lambda p: write_summary(p, [replace(ROWS[0], start=1e12)]), "between the years 1 and 9999"),
-    (lambda p: write_summary(p, [*ROWS, ROWS[0]]), "2 of motor.viscous by steady of a/1.mcap"),
-    (lambda p: write_summary(p, [*ROWS, ROWS[2]]), "2 of no parameter by steady of b/1.mcap")])
+    (lambda p: write_summary(p, [*ROWS, ROWS[0]]), "2 with motor.viscous, step steady and recording a/1.mcap"),
+    (lambda p: write_summary(p, [*ROWS, ROWS[2]]), "2 with no parameter, step steady and recording b/1.mcap")])
 def test_what_is_no_summary_is_said(tmp_path, make, said):
     make(tmp_path / "s.parquet")
     with pytest.raises(BadRecording) as error:

@@ -210,7 +210,7 @@ def _check_entry(role: str, entry: RoleEntry, name: str) -> None:
         rated = parse_unit(entry.rated.unit, quantity(role), f"rated of {role} in {name}", BadOption)
         if rated.dimension in (RELATIVE, COUNTS):
             raise BadOption(f"a unit of {quantity(role)} for rated of {role}", f"'{entry.rated.unit}'",
-                            "Say what 100 % is, for example {value: 200, unit: Nm}.")
+                            "State what 100 % is, for example {value: 200, unit: Nm}.")
     if entry.unsigned and role != UNSIGNED_ROLE:
         raise BadOption(f"unsigned for {UNSIGNED_ROLE} only", role, f"Leave it out in {name}.")
     for key, value in numbers.items():
@@ -226,7 +226,7 @@ def require_scale(role: str, unit: Unit, entry: RoleEntry, error=BadRecording) -
     """Refuse a share of an unknown rated value, counts of an unknown encoder, and volts of what is no motor."""
     if unit.si == "V" and role not in MOTOR_TORQUES and quantity(role) != "voltage":
         raise error(f"{role} in Nm or N", f"'{unit.text}'",
-                    "Write what a volt stands for, for example `scale: 50, unit: Nm`.")
+                    "State the torque or force per volt, for example `scale: 50, unit: Nm`.")
     if unit.dimension == RELATIVE and entry.rated is None and role not in MOTOR_TORQUES:
         raise error(f"the rated value of {role}, which is given in {unit.text}", "none",
                     "Add to its role, for example `rated: {value: 200, unit: Nm}`.")

@@ -73,7 +73,7 @@ def _require_plausible_shift(signals: Mapping[str, Signal], channel_map: Channel
         others = [span for other, span in spans.items() if other != role]
         if shift and others and not any(a <= last and first <= b for a, b in others) and any(
                 a <= last - shift and first - shift <= b for a, b in others):
-            raise BadRecording(f"a shift of {role} that leaves it at the time of the other signals in {log}",
+            raise BadRecording(f"a shift after which {role} overlaps the other signals in {log}",
                                f"{shift:g} s in a record of {last - first:.3g} s",
                                "Correct `shift`, in seconds, in the channel map.")
 
@@ -158,8 +158,8 @@ def shared_units(signals: Mapping[str, Signal], log: str) -> RecordUnits:
     findings = []
     if (torque, motion) in (("N", "rad"), ("Nm", "m")):
         findings.append(Finding(
-            "warning", "units-mixed", f"The torque is in {torque} but the motion in {motion}; inertias "
-            f"come out in {torque} s^2/{motion}.", {"torque_unit": torque, "motion_unit": motion},
+            "warning", "units-mixed", f"The torque is in {torque} but the motion in {motion}; the "
+            f"inertias have the unit {torque} s^2/{motion}.", {"torque_unit": torque, "motion_unit": motion},
             "Check the units of the two channels."))
     return RecordUnits(torque, motion, inputs, tuple(findings))
 
@@ -171,9 +171,10 @@ def in_si(recording: Recording, channel_map: ChannelMap | None) -> Recording:
     """
     chosen = choose_channels(tuple(recording.channels), channel_map, recording.name)
     if channel_map and any(entry.unsigned for entry in channel_map.roles.values()):
-        raise BadRecording("channels that need no map when they are converted",
+        raise BadRecording("channels that need no channel map after the conversion",
                            "a torque without its sign (unsigned: true)",
-                           "Keep the log and its map: the converted table would pass for one with the sign.")
+                           "Keep the log and its map: the converted table would not state that the sign is "
+                           "missing.")
     signals, findings = to_signals(recording, chosen, channel_map)
     channels = {role: Channel(signal.time, signal.values, signal.si) for role, signal in signals.items()}
     return replace(recording, channels=channels, findings=(*recording.findings, *findings))

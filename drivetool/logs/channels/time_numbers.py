@@ -53,6 +53,6 @@ def as_seconds(time: np.ndarray, channel: str, log: str) -> np.ndarray:
     steps = np.diff(np.unique(time[np.isfinite(time)]))
     if len(steps) and np.median(steps) > MAX_SAMPLE_INTERVAL:
         raise BadRecording(f"the unit of the time channel '{channel}' of {log}",
-                           f"none, and steps of {np.median(steps):.4g}, too long for seconds of a drive",
+                           f"none, and a median step of {np.median(steps):.4g}, implausible in seconds",
                            f"Write `time: {{channel: '{channel}', unit: ms}}` in the channel map, or what it is.")
     return time

@@ -64,17 +64,17 @@ def clean_clock(time: np.ndarray, who: str, log: str, values: Sequence[np.ndarra
         found, resolution = coarse
         step = median_step(found)
         findings.append(Finding(
-            "note", "clock-corrected", f"The stamps of {who} in {log} come in steps of {resolution:.4g} s; a "
-            f"uniform clock of {step:.6g} s lies behind them, and its times are used.",
-            {"resolution": resolution, "step": step}, "Log time stamps in full."))
+            "note", "clock-corrected", f"The stamps of {who} in {log} are quantised to {resolution:.4g} s; a "
+            f"uniform clock with a step of {step:.6g} s replaces them.",
+            {"resolution": resolution, "step": step}, "Log time stamps with full resolution."))
         return Clock(found, keep), findings
     refuse_batches(np.unique(time[keep]), who, log)  # with one stamp a batch, it is a coarse clock
     step = np.diff(time[keep])
     if np.any(step == 0):
         repeated = int(np.sum(step == 0))
         findings.append(Finding(
-            "warning", "time-stamps-invalid", f"{repeated} samples of {who} in {log} repeat the time stamp before "
-            "them and are left out.", {"samples": repeated, "of": len(time)},
+            "warning", "time-stamps-invalid", f"{repeated} samples of {who} in {log} repeat the previous time "
+            "stamp and are left out.", {"samples": repeated, "of": len(time)},
             "Check the resolution of the recorder's clock."))
         keep = keep[np.concatenate([[True], step > 0])]
     return (Clock(time[keep], keep) if findings else Clock(time)), findings
@@ -113,7 +113,7 @@ def _sort_stamps(time: np.ndarray, keep: np.ndarray, who: str, log: str) -> tupl
             bits, unit = counter
             raise BadRecording(
                 f"time that does not go backwards for {who} in {log}",
-                f"{where}, as a counter of 2^{bits} {unit} makes that starts again",
+                f"{where}, as produced by an overflowing counter of 2^{bits} {unit}",
                 f"Write `wrap: {2**bits}` (in counts of the time channel) for `time` in the channel map.")
         raise BadRecording(
             f"time that does not go backwards for {who} in {log}", where,

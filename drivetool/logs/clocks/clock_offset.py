@@ -45,7 +45,7 @@ def clock_offsets(signals: Mapping[str, Signal], log: str) -> list[Finding]:
         where = "behind" if shift < 0 else "ahead of"
         findings.append(Finding(
             "warning" if same else "note", "clock-offset",
-            f"In {log} {second} is {1e3 * abs(shift):.4g} ms {where} {first}, estimated from their motion"
+            f"In {log} {second} is {1e3 * abs(shift):.4g} ms {where} {first}, estimated from the motion of both"
             f"{'' if same else ' (backlash between them has the same effect)'}; nothing was shifted.",
             {"first": first, "second": second, "shift": shift, "correlation": correlation, "step": step},
             f"If their clocks differ, write `shift: {shift:.6g}` for {second} in the channel map."))

@@ -164,9 +164,9 @@ def _missing_values_findings(role: str, signal: Signal, time: np.ndarray, log: s
     total = due + len(time)
     return [Finding(
         "warning", "samples-missing",
-        f"{role} has no value that can be used at {100 * due / total:.2g} % of its samples in {log}.",
+        f"{role} is missing or invalid at {100 * due / total:.2g} % of its samples in {log}.",
         {"role": role, "samples": due, "of": total, "share": due / total},
-        "Check the recorder and the sensor. If the writer leaves zeros out (proto3 as JSON does), write "
+        "Check the recorder and the sensor. If the logger omits zeros (proto3 as JSON does), write "
         f"`absent: 0` for {role} in the channel map.")]
 
 
@@ -321,11 +321,11 @@ def _require_overlap(placed: Mapping[str, np.ndarray], log: str, findings: Seque
 
 def _resampled_finding(grid: Grid, clocks: Mapping[str, Clock], leader: str, log: str) -> Finding:
     several = len({id(clock) for clock in clocks.values()}) > 1
-    why = "the signals have clocks of their own" if several else \
+    why = "the signals have different clocks" if several else \
         f"the time stamps are up to {100 * grid.jitter:.0f} % of a step off a uniform grid"
     steps = {f"step_{role}": median_step(clock.time) for role, clock in clocks.items()}
     return Finding("note" if several else "warning", "resampled",
-                   f"{log} was put on a grid of {grid.step:.6g} s, that of {leader}, because {why}; "
+                   f"{log} is resampled to a grid of {grid.step:.6g} s, the clock of {leader}, because {why}; "
                    "torques are held, sensors interpolated.",
                    {"step": grid.step, "jitter": grid.jitter, **steps},
                    "" if several else "Record with a fixed rate.")

@@ -93,7 +93,8 @@ def _experiment_at_rates(blank: Experiment, clean: CleanSignals, cut_record: Cut
             parts.append(replace(part, begins=rate is found_rates[0]))
     if not parts:
         raise errors[0][1]
-    rate_findings = [Finding("warning", "rate-changes", f"The part of {log} at {rate.text} is left out: {error}",
+    rate_findings = [Finding("warning", "rate-changes",
+                             f"The samples of {log} at {rate.text} are left out: {error}",
                              {"step": rate.step}) for rate, error in errors]
     if len(parts) > 1:
         rate_findings.append(Finding(
@@ -183,8 +184,8 @@ def _cut_at_missing_torque(segments: Iterable[tuple[int, int]], signals: Mapping
         short = sum(b - a for a, b in pieces) - total
         findings.append(Finding(
             "warning" if short > total else "note", "recording-interrupted",
-            f"{len(pieces) - len(long_enough)} segments of {log} shorter than {MIN_SEGMENT} samples are left out, "
-            f"{short} of {short + total} samples.",
+            f"{len(pieces) - len(long_enough)} segments between interruptions of {log} are shorter than "
+            f"{MIN_SEGMENT} samples and are left out, {short} of {short + total} samples.",
             {"segments": len(pieces) - len(long_enough), "samples": short, "of": short + total}))
     return long_enough, findings
 
@@ -205,7 +206,8 @@ def _sparse_sensor_findings(signals: Mapping[str, np.ndarray], inside: np.ndarra
         if role not in INPUTS and share < 0.5:
             findings.append(Finding(
                 "note", "resampled",
-                f"{role} has a value at only {100 * share:.2g} % of the grid points.",
+                f"{role} has a lower rate than the grid of the record, or lacks samples: it has a value at only "
+                f"{100 * share:.2g} % of the grid points.",
                 {"role": role, "share": share}))
     return findings
 
@@ -228,8 +230,8 @@ def _constant_signal_findings(signals: Mapping[str, np.ndarray], inside: np.ndar
     drives = {"motor_torque"} & set(signals)
     motions = {role for role in signals if is_motion(role)}
     if not drives | motions:
-        raise BadRecording(f"motor_torque or a motion in {log}", f"only {', '.join(signals)}",
-                           "Name their channels in the channel map.")
+        raise BadRecording(f"motor_torque, a speed or an angle in {log}", f"only {', '.join(signals)}",
+                           "Name the channel of one of these roles in the channel map.")
     if drives | motions <= constant:
         names = ", ".join(sorted(drives | motions))
         raise NotEnoughData(f"a torque or a motion that changes in {log}", f"only constant signals ({names})",

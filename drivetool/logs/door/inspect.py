@@ -94,8 +94,8 @@ def inspect_log(path: str | Path, channel_map: ChannelMap | None = None) -> Insp
     except DriveToolError as problem:
         refused = str(problem)
         findings = [*recording.findings, *findings, Finding(
-            "warning", "recording-not-usable", f"A step that gets {recording.name} would stop: {refused}")]
-    findings += [Finding("warning", "log-damaged", f"{name} of {recording.name} is not read: {why}.")
+            "warning", "recording-not-usable", f"No step can use {recording.name}: {refused}")]
+    findings += [Finding("warning", "log-damaged", f"{name} of {recording.name} cannot be read: {why}.")
                  for name, why in recording.unreadable.items()]
     return Inspection(recording, tuple(reports), experiment, refused, _unique_findings(findings))
 

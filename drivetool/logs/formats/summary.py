@@ -75,7 +75,7 @@ def refuse_repeated_rows(rows: Sequence[Row], name: str) -> None:
     if counts[machine, recording, step, parameter] > 1:
         times = counts[machine, recording, step, parameter]
         raise BadRecording(f"one row per recording, step and parameter in {name}",
-                           f"{times} of {parameter or 'no parameter'} by {step} of {recording}",
+                           f"{times} with {parameter or 'no parameter'}, step {step} and recording {recording}",
                            "Leave out the rows that are repeated.")
 
 

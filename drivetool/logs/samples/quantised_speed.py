@@ -34,11 +34,11 @@ def quantised_speed_findings(signals: Mapping[str, np.ndarray], segments: Sequen
         if size and is_differentiated_counts(y, size):
             findings.append(Finding(
                 "warning", "quantised-speed",
-                f"{role} has a quantisation step of {size:.4g} and the noise of differences: it was computed from "
-                f"an encoder's counts of {size * step:.4g}, from one sample to the next.",
+                f"{role} is quantised in steps of {size:.4g} and has the noise of a difference quotient: it "
+                f"was computed from encoder counts of {size * step:.4g}, from one sample to the next.",
                 {"role": role, "steps": size, "count": size * step},
-                f"Log the counts, or take their sum: --condition 'integrate roles={role}'. The noise of "
-                "such a speed can look like a missing law."))
+                f"Log the counts, or integrate the speed: --condition 'integrate roles={role}'. The noise "
+                "of such a speed can be mistaken for an unmodelled effect."))
     return findings
 
 

@@ -198,31 +198,31 @@ def _agreement_findings(equal: SpeedAgreement, delayed: SpeedAgreement, filtered
     if abs(best.correlation) < MIN_SPEED_CORRELATION:
         return [Finding(
             "warning", "speed-angle-mismatch",
-            f"{speed} and the differentiated {angle} do not agree: correlation {best.correlation:.2f}.",
+            f"{speed} and the derivative of {angle} do not agree: correlation {best.correlation:.2f}.",
             evidence, "Check that both channels belong to the same shaft, and that the angle does not "
             "wrap around.")]
     findings = []
     if best is filtered:
         corner = 1 / (2 * np.pi * best.lag * step)
         findings.append(Finding(
-            "warning", "speed-filtered", f"{speed} is the differentiated {angle} behind a low-pass of about "
-            f"{corner:.3g} Hz ({1000 * best.lag * step:.3g} ms).", {**evidence, "corner": float(corner)},
+            "warning", "speed-filtered", f"{speed} is the derivative of {angle} after a low-pass filter of "
+            f"about {corner:.3g} Hz ({1000 * best.lag * step:.3g} ms).", {**evidence, "corner": float(corner)},
             f"Use {angle} as the output and leave {speed} out of the channel map."))
     if best is delayed:
         where = "behind" if best.lag > 0 else "ahead of"
         findings.append(Finding(
             "warning", "speed-delay", f"{speed} is {1000 * abs(best.lag) * step:.3g} ms {where} the "
-            f"differentiated {angle}.", evidence,
+            f"derivative of {angle}.", evidence,
             f"Use {angle} as the output, or correct the clock of one of them."))
     if best.correlation < 0:
         findings.append(Finding(
             "warning", "speed-angle-mismatch",
-            f"{speed} and the differentiated {angle} have opposite signs.", evidence,
+            f"{speed} and the derivative of {angle} have opposite signs.", evidence,
             "Set `sign: -1` for one of them in the channel map."))
     size, error = abs(best.correlation), 3 * np.sqrt(best.unexplained / best.count)
     least, most = best.ratio * size * (1 - error), best.ratio / size * (1 + error)
     if least > 1 + SCALE_TOLERANCE or most < 1 - SCALE_TOLERANCE:
         findings.append(Finding(
-            "warning", "speed-angle-mismatch", f"The differentiated {angle} is {best.ratio:.3g} times {speed}.",
+            "warning", "speed-angle-mismatch", f"The derivative of {angle} is {best.ratio:.3g} times {speed}.",
             evidence, "Check units, scales and ratios in the channel map."))
     return findings

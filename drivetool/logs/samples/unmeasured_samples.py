@@ -75,8 +75,8 @@ def _detect_held(role: str, values: np.ndarray, time: np.ndarray) -> Detection:
     step = median_step(time)
     return np.concatenate([[False], values[1:] == values[:-1]]), [Finding(
         "warning", "samples-not-measured",
-        f"{role} repeats every value {times} times: it comes at {1 / (times * step):.4g} Hz and was logged at "
-        f"{1 / step:.4g} Hz, up to {1e3 * step:.3g} ms late. Physical models are fitted without the repeats.",
+        f"{role} repeats every value {times} times: it is updated at {1 / (times * step):.4g} Hz and was logged at "
+        f"{1 / step:.4g} Hz, up to {1e3 * step:.3g} ms late. Fits of physical models exclude the repeated values.",
         {"role": role, "repeats": times, "step": step},
         "Log it at its own rate, or with the time stamp of the sensor.")]
 
@@ -92,8 +92,8 @@ def _detect_interpolated(role: str, values: np.ndarray, time: np.ndarray) -> Det
         return none, []
     step = median_step(time)
     return inside, [Finding(
-        "warning", "samples-not-measured", f"{role} lies on straight lines over {usual} samples each: it comes at "
-        f"{1 / (usual * step):.4g} Hz and was interpolated. Physical models are fitted without what is between.",
+        "warning", "samples-not-measured", f"{role} is linear over {usual} samples each: it was measured at "
+        f"{1 / (usual * step):.4g} Hz and interpolated. Fits of physical models exclude the interpolated samples.",
         {"role": role, "pieces": usual, "step": step}, "Log it at its own rate, without interpolation.")]
 
 
@@ -126,7 +126,7 @@ def _detect_saturated(role: str, values: np.ndarray, _: np.ndarray) -> Detection
         findings.append(Finding(
             "warning", "signal-saturated",
             f"{role} is exactly {end:.6g} at {100.0 * there.mean():.2g} % of its samples and "
-            "never beyond: it is cut off there. Physical models are fitted without those.",
+            "never beyond: it is saturated there. Fits of physical models exclude these samples.",
             {"role": role, "limit": float(end), "share": float(there.mean())},
             "Widen the range of the sensor or of its channel."))
     return missing, findings
@@ -152,9 +152,9 @@ def _detect_isolated(role: str, values: np.ndarray, _: np.ndarray) -> Detection:
     what = f"drops to exactly {value:.6g}" if dropped else "has outliers"
     return missing, [Finding(
         "warning", "outliers-left-out", f"{role} {what}: {missing.sum()} samples ({share:.2g} %) are "
-        f"{OUTLIER_THRESHOLD:g} standard deviations and more from the samples around them. Physical models are "
-        "fitted without those.", {"role": role, "samples": int(missing.sum()), "of": len(known)},
-        "Check the sensor and its bus for values that come late.")]
+        f"{OUTLIER_THRESHOLD:g} standard deviations and more from the samples around them. Fits of physical "
+        "models exclude these samples.", {"role": role, "samples": int(missing.sum()), "of": len(known)},
+        "Check the sensor and its bus for delayed values.")]
 
 
 def _isolated_outliers(values: np.ndarray) -> np.ndarray:

@@ -34,7 +34,7 @@ def unwrap(values: np.ndarray, wrap: float, role: str) -> tuple[np.ndarray, list
     if unsure_count:
         findings.append(Finding(
             "warning", "wrap-ambiguous", f"{role} moves by more than {MAX_SURE_STEP:g} of its range of {wrap:g} "
-            f"between neighbouring samples at {unsure_count} places; the way round is a guess there.",
+            f"between neighbouring samples at {unsure_count} places; its direction of motion is ambiguous there.",
             {"role": role, "samples": unsure_count}, "Record it faster, or correct `wrap` in the channel map."))
     return unwrapped, findings
 
@@ -60,8 +60,8 @@ def looks_wrapped(values: np.ndarray, role: str, unit: str) -> list[Finding]:
         return []
     size = float(np.median(np.abs(steps[jumps]))) + float(usual)
     return [Finding(
-        "warning", "value-wraps", f"{role} jumps by about {size:.4g} {unit} {len(jumps)} times, as a counter does "
-        "that starts again; nothing was undone.", {"role": role, "jumps": len(jumps), "size": size},
+        "warning", "value-wraps", f"{role} jumps by about {size:.4g} {unit} {len(jumps)} times, as an overflowing "
+        "counter does; the jumps are not corrected.", {"role": role, "jumps": len(jumps), "size": size},
         "Set `wrap:` for it in the channel map.")]
 
 
@@ -90,7 +90,7 @@ def looks_unsigned(values: np.ndarray, role: str) -> list[Finding]:
         return []
     return [Finding(
         "warning", "value-wraps",
-        f"{role} jumps {int(jumps.sum())} times by about {size:g}, the range of {bits} bits, as a negative number "
-        "does that is read as unsigned, or a counter that starts again; nothing was undone.",
+        f"{role} jumps {int(jumps.sum())} times by about {size:g}, the range of {bits} bits: it is a negative "
+        "number read as unsigned, or an overflowing counter. The jumps are not corrected.",
         {"role": role, "jumps": int(jumps.sum()), "size": size},
         f"Set `wrap: {size:.0f}` for it in the channel map.")]

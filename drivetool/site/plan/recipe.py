@@ -103,7 +103,7 @@ def _parse_options(parse: ParseWords, command: str, words: Sequence[str], typed:
     """The options of a command line."""
     found = parse(command, words)
     if isinstance(found, str):
-        raise BadParameters(f"a command as drivetool takes it at {where}", f"'{typed}': {found}",
+        raise BadParameters(f"a valid drivetool command at {where}", f"'{typed}': {found}",
                             f"See drivetool {command} --help.")
     return found
 

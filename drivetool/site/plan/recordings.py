@@ -169,7 +169,7 @@ def _result_folders(paths: Sequence[str]) -> dict[str, str]:
                for path, bare in without_suffix.items()}
     for name, count in Counter(folders.values()).items():
         if count > 1:
-            raise BadParameters("recordings whose paths differ in more than the folders above",
+            raise BadParameters("recordings whose paths still differ without their '..' parts",
                                 " and ".join(path for path in paths if folders[path] == name),
                                 "Put the site file above the recordings.")
     return folders
@@ -195,7 +195,7 @@ def machines_of(found: Iterable[Recording], headers: Mapping[tuple[str, str], Ma
             groups.setdefault(name, []).append(placed)
     for name, count in Counter(map(safe_folder_name, groups)).items() if own_folders else ():
         if count > 1:
-            raise BadParameters("machines whose names differ in letters or digits",
+            raise BadParameters("machines whose names differ in more than special characters",
                                 " and ".join(sorted(n for n in groups if safe_folder_name(n) == name)),
                                 "Rename one of them: both would have the same folder.")
     return [_in_order(name, groups[name])

@@ -125,8 +125,8 @@ def _check_judge(step: StepSection, known: Sequence[str], where: str) -> None:
         raise BadParameters(f"judge with {' or '.join(HOLDOUT_COMMANDS)}, one recording at a time, at {where}",
                             f"it with {'joint: true' if step.joint else step.command.split()[0]}", "Leave it out.")
     if known and step.judge not in (NEXT, PREVIOUS, *known):
-        raise BadParameters(f"next, previous or a kind of recordings at judge of {where}", f"'{step.judge}'",
-                            nearest(step.judge, [NEXT, PREVIOUS, *known]))
+        raise BadParameters(f"next, previous or a kind of recordings as the value of judge at {where}",
+                            f"'{step.judge}'", nearest(step.judge, [NEXT, PREVIOUS, *known]))
 
 
 def _check_bar(bar: BarSection, recipe: Sequence[StepSection], where: str) -> None:

@@ -107,7 +107,7 @@ class TaskBuilder:
         holdout = holdout_recording(step.judge, machine, recording)
         if holdout is None:
             what = "another recording" if step.judge in (NEXT, PREVIOUS) else f"a recording of kind {step.judge}"
-            task.problem = (f"wanted {what} of {machine.name} to judge the fit of {recording.path}; found none. "
+            task.problem = (f"wanted {what} of {machine.name} to validate the fit of {recording.path}; found none. "
                             "Add one to the machine, or change judge in the recipe.")
             return task
         logs = [holdout] if step.command == "validate" else [recording]
@@ -121,8 +121,8 @@ class TaskBuilder:
         for name in step.params:
             newest_output = find_newest_output(self.outputs, self.steps[name], machine, order)
             if newest_output is None:
-                task.problem = (f"wanted a file of {name} for {machine.name}; found none, as no recording of the "
-                                f"machine gave one. See the problems of {name} in the summary.")
+                task.problem = (f"wanted a file of {name} for {machine.name}; found none, because no recording of "
+                                f"the machine produced one. See the problems of {name} in the summary.")
                 return task
             params.append((f"{self.out}/{newest_output[1]}", [f"{name}.yaml", newest_output[0].sha256]))
             task.origins.append(newest_output[0].content)
@@ -196,7 +196,7 @@ def retry_reasons(line: ManifestLine, limits: Mapping[str, float], retry: bool) 
     if retry:
         return ["--retry"]
     if line["ended"] == UNREAD:
-        return ["its recording could not be read as it was found"]
+        return ["its recording was missing or changed during the last run"]
     return [f"the limit of {line['ended']} is higher"] if line["limit"] < limits.get(line["ended"], 0.0) else []
 
 

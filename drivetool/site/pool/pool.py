@@ -137,7 +137,7 @@ class Pool:
             worker.kill()
             code = worker.process.returncode
             if not worker.ready and code > 0:  # at its start, and so would the next
-                raise DriveToolError("a worker process of drivetool", f"one that ended at its start (code {code})",
+                raise DriveToolError("a worker process of drivetool", f"one that stopped immediately (code {code})",
                                      f"Check the installation: python -m {at_work.__name__} must run.")
             return [] if index is None else [(index, died_answer(code))]
         return [] if index is None else [(index, answer)]
@@ -149,7 +149,8 @@ class Pool:
             answer: Answer | None = None
             if time.monotonic() - worker.began > self.limits.seconds:
                 answer = {"ended": "time", "said": f"wanted an end within {self.limits.seconds:g} s "
-                          "(--time-limit); found it still at work. Allow more, or make the recording shorter."}
+                          "(--time-limit); found the step still running. Allow more, or make the recording "
+                          "shorter."}
             elif worker.memory_mb() > self.limits.memory_mb:
                 answer = {"ended": "memory", "said": f"wanted at most {self.limits.memory_mb:g} MB of memory "
                           "(--memory-limit); found more in use. Allow more, or make the recording shorter."}

@@ -80,7 +80,7 @@ def read_manifest(folder: Path) -> Manifest:
     data = manifest.path.read_bytes() if manifest.path.exists() else b""
     if data[:len(MANIFEST_FIRST_LINE)] != MANIFEST_FIRST_LINE[:len(data)]:
         raise BadOption(f"a folder of results of batch, or a new one, at {folder}",
-                        f"a {MANIFEST_FILE} there that is none of this version of batch",
+                        f"a {MANIFEST_FILE} there that this version of batch did not write",
                         "Give another folder with --out.")
     for line in _complete_lines(data).splitlines():
         try:
@@ -128,10 +128,10 @@ def _lock_for_writing(stream: BinaryIO, folder: Path) -> None:
     try:
         fcntl.flock(stream.fileno(), fcntl.LOCK_EX | fcntl.LOCK_NB)
     except OSError:
-        raise BadOption(f"results in {folder} that no other run writes", "another batch at work there",
+        raise BadOption(f"results in {folder} that no other run writes", "another batch running there",
                         "Wait for it, or give another folder with --out.") from None
 
 
 def _write_error(path: Path, error: OSError) -> CannotWrite:
     return CannotWrite(f"to write {path}", error.strerror or str(error),
-                       "Make room, or give another folder with --out; what is done stays done.")
+                       "Make room, or give another folder with --out; completed steps are kept.")

@@ -20,8 +20,8 @@ ALARM_ADVICE = ("Look for what changed at the machine at that time: wear, lubric
                 "repair.")
 OUTLIER_ADVICE = ("Check that its machine, its channels and their units are named correctly, then what else was "
                   "recorded.")
-NEWEST_OUTLIER_ADVICE = "It is the newest: with the next one like it this is a step."
-SMALL_CHANGE_ADVICE = "Watch it; --alarm sets the size from which a change is an alarm."
+NEWEST_OUTLIER_ADVICE = "It is the newest recording: if the next one agrees with it, the trend has a step."
+SMALL_CHANGE_ADVICE = "Watch it; --alarm sets the alarm threshold."
 
 
 def trends_of(rows: Sequence[Row], alarm: float = DEFAULT_ALARM_RATIO) -> tuple[tuple[Finding, ...],
@@ -117,16 +117,16 @@ def _recording_remarks(rows: Sequence[Row], copies: Mapping[str, str], found: Se
     if short_series:
         remarks.append(Finding(
             "note", "few-recordings",
-            f"Fewer than {MIN_SERIES_LENGTH} recordings of one kind with a value, or days where one has several, "
-            f"give no trend: {_name_list([f'{m} has {n}' for m, n in short_series.items()])}. Such a machine has "
-            "means at most.",
+            f"A trend needs {MIN_SERIES_LENGTH} recordings of one kind with a value, or days where a day has "
+            f"several; too few: {_name_list([f'{m} has {n}' for m, n in short_series.items()])}. For such a "
+            "machine only means are stated, if any.",
             dict(short_series), "Record it again on further days."))
     remarks += _unit_findings(found)
     dateless = list(dict.fromkeys(t.series.machine for t in found if t.series.starts is None))
     if dateless:
         remarks.append(Finding(
             "note", "undated-recordings",
-            f"Not all recordings of {_name_list(dateless)} say when they were made. Only their order is "
+            f"Not all recordings of {_name_list(dateless)} have a date. Only their order is "
             "used; days are not distinguished.", {"machines": len(dateless)},
             "Log absolute times, or name recordings by date."))
     missing = {series_subject(t.series): t.series.left_out for t in found if t.series.left_out}
@@ -151,7 +151,7 @@ def _unit_findings(found: Sequence[Trend]) -> list[Finding]:
     return [Finding(
         "note", "units-mixed",
         f"Recordings state one parameter in several units: {_name_list(several)}. Each unit is a separate series, "
-        "and a change from one to the other is not looked for.", {"parameters": len(several)},
+        "and changes from one to the other are not tested.", {"parameters": len(several)},
         "Give the recordings of a machine one unit of torque, by a channel map or a torque constant.")]
 
 
@@ -163,10 +163,11 @@ def _correlation_findings(found: Sequence[Trend]) -> list[Finding]:
         return []
     return [Finding(
         "note", "recordings-correlated",
-        f"Beside steps and drift, neighbouring recordings are alike: "
+        f"Apart from steps and drift, neighbouring recordings are correlated: "
         f"{_name_list([f'{series_subject(t.series)} by {t.correlation:.2f}' for t in correlated])} (correlation). "
         "Intervals and tests include it.", {"series": len(correlated), "largest": correlated[0].correlation},
-        "Look for what varies slowly, such as the temperature. Small steps listed there may be parts of it.")]
+        "Look for what varies slowly, such as the temperature. Small steps of this "
+        "series may be parts of such a slow variation.")]
 
 
 def _name_list(names: Sequence[str]) -> str:

@@ -37,8 +37,9 @@ def step_text(series: Series, change: Change, step: bool = False) -> str:
     factor, unit = display_scale(series.unit, change.before, change.after)
     before, after, std = rounded_to_std(factor, change.std, change.before, change.after)
     verb = "grew" if change.after > change.before else "fell"
-    size = "the runs before are all equal" if math.isinf(change.ratio) else (
-        f"that is {change.ratio:.1f} times the standard deviation of the {change.runs} runs before, {std}{unit}")
+    size = "the recordings before have equal values" if math.isinf(change.ratio) else (
+        f"that is {change.ratio:.1f} times the standard deviation of the {change.runs} recordings before, "
+        f"{std}{unit}")
     return (f"{series_subject(series, step)} {verb} from {before} to {after}{unit} "
             f"{time_span(series, change.place - 1, change.place)}; {size}.")
 
@@ -50,8 +51,8 @@ def drift_text(series: Series, drift: Drift, step: bool = False) -> str:
     verb = "grew" if drift.after > drift.before else "fell"
     slope, per = (drift.per_recording, "recording") if drift.per_day is None else (drift.per_day, "day")
     low, high = (f"{factor * end:.3g}" for end in slope.ci95)
-    size = "nothing scatters about it" if math.isinf(drift.ratio) else (
-        f"in all that is {drift.ratio:.1f} times the standard deviation about it")
+    size = "no value deviates from the line" if math.isinf(drift.ratio) else (
+        f"the total drift is {drift.ratio:.1f} times the standard deviation about the line")
     return (f"{series_subject(series, step)} {verb} slowly from {before} to {after}{unit} "
             f"{time_span(series, 0, len(series.values) - 1)}. The slope is {factor * slope.value:.3g}{unit} "
             f"per {per} (95 % interval {low} to {high}); {size}.")
@@ -62,7 +63,7 @@ def outlier_text(series: Series, recording: str, outlier: Outlier) -> str:
     factor, unit = display_scale(series.unit, outlier.value, outlier.expected)
     value, expected, std = rounded_to_std(factor, outlier.std, outlier.value, outlier.expected)
     return (
-        f"{recording} is an outlier: it gives {lower_first_letter(series_subject(series))} as {value}{unit}, the "
+        f"{recording} is an outlier: {lower_first_letter(series_subject(series))} is {value}{unit}, in the "
             f"others {expected}{unit}; that is {outlier.ratio:.1f} times their standard deviation, {std}{unit}.")
 
 

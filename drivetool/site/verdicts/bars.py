@@ -90,7 +90,7 @@ def _check_figure(bar: BarSection, group: Sequence[Entry]) -> str | None:
         return None
     step, figure = values[-1]
     if figure.value is None:
-        return f"wanted {bar_name(bar)}; found no value in the file of {step}, which says why. Look at it."
+        return f"wanted {bar_name(bar)}; found no value in the file of {step}. See the reason in that file."
     limit = bar.at_most if bar.at_least is None else bar.at_least
     bound = limit.value if isinstance(limit, MeasureSection) else float(limit or 0.0)
     if isinstance(limit, MeasureSection):
@@ -103,8 +103,8 @@ def _check_figure(bar: BarSection, group: Sequence[Entry]) -> str | None:
                 f"'{{value: {bound:g}, unit: {figure.unit}}}'.")
     met = figure.value <= bound if bar.at_least is None else figure.value >= bound
     unit = f" {figure.unit}" if figure.unit else ""
-    return "" if met else (f"wanted {bar_name(bar)}; found {figure.value:.5g}{unit} in the file of {step}. Look at "
-                           "the machine, the recording, or the bar.")
+    return "" if met else (f"wanted {bar_name(bar)}; found {figure.value:.5g}{unit} in the file of {step}. Check "
+                           "the machine, the recording or the limit.")
 
 
 def figures(result: StepResult) -> Mapping[str, StatedFigure]:
@@ -120,4 +120,4 @@ def _no_file_sentence(bar: BarSection, entries: Sequence[Entry]) -> str:
                 "summary.")
     known = sorted({name for e in entries if e.result is not None for name in figures(e.result)})
     return (f"wanted {bar_name(bar)}; found no file with it (available: {', '.join(known) or 'none'}). "
-            "Correct the bar, or add the step that gives the figure.")
+            "Correct the limit, or add the step that gives the figure.")

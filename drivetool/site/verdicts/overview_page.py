@@ -43,15 +43,15 @@ def index_page(entries: Sequence[Entry], cases: Sequence[Case], outputs: Outputs
     everywhere = "".join(f"<p>{escape(case.text)}</p>" for (machine, _), several in missed.items()
                          if machine not in groups for case in several)
     kind = "nothing-found" if not missed_bars else "unexplained"
-    headline = (f"{missed_bars} of {len(cases)} verdicts are missed" if missed_bars
-                else f"All {len(cases)} verdicts are met")
+    headline = (f"{missed_bars} of {len(cases)} checks failed" if missed_bars
+                else f"All {len(cases)} checks passed")
     heads = "".join(f'<th{" class=n" if head == "Fit" else ""}>{head}</th>' for head in COLUMN_TITLES)
     return ("<!DOCTYPE html>\n<html lang=\"en\">\n<head>\n<meta charset=\"utf-8\">\n"
             "<meta name=\"viewport\" content=\"width=device-width, initial-scale=1\">\n"
             f"<title>Site of recordings</title>\n<style>\n{CSS}\n{PAGE_CSS}\n</style>\n</head>\n<body>\n"
             f"<h1>Site of recordings</h1>\n<div class=\"verdict {kind}\"><strong>{headline}</strong>"
-            f"<p>{recordings} recordings of {len(groups)} machines; the machine with most missed comes first. "
-            f"All values are in <a href=\"summary.csv\">summary.csv</a>.</p>{everywhere}</div>\n"
+            f"<p>{recordings} recordings of {len(groups)} machines; the machine with most failed checks comes "
+            f"first. All values are in <a href=\"summary.csv\">summary.csv</a>.</p>{everywhere}</div>\n"
             f"{_changes_section(changed)}"
             f"<div class=\"scroll\"><table>\n<thead><tr>{heads}</tr></thead>\n<tbody>\n" + "\n".join(rows)
             + "\n</tbody>\n</table></div>\n</body>\n</html>\n")

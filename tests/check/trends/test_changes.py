@@ -138,7 +138,7 @@ def test_a_small_step_is_listed_and_an_option_makes_it_an_alarm():
     rows = site(10, n=80, machines=2, changed={(2, "motor.coulomb"): step(2.5, 40, 80)})
     finding, = reported(trends_of(rows)[0])
     assert (finding.code, finding.severity) == ("small-change", "note")
-    assert finding.evidence["ratio"] == pytest.approx(2.5, abs=0.6) and "runs before" in finding.text
+    assert finding.evidence["ratio"] == pytest.approx(2.5, abs=0.6) and "recordings before" in finding.text
     finding, = reported(trends_of(rows, alarm=1.5)[0])
     assert (finding.code, finding.severity) == ("trend-alarm", "warning")
 
@@ -154,4 +154,4 @@ def test_a_step_without_scatter_has_no_ratio():
                             changed={(1, "motor.coulomb"): step(1.0, 15)}) if r.parameter == "motor.coulomb"]
     findings, (trend,) = trends_of(rows)
     assert [c.place for c in trend.changes] == [15] and trend.changes[0].ratio == np.inf
-    assert "the runs before are all equal" in reported(findings)[0].text
+    assert "the recordings before have equal values" in reported(findings)[0].text

@@ -123,7 +123,7 @@ def _channel_addresses(fields: Mapping[str, Fields], channel_map: ChannelMap | N
         elif found and not lenient:
             raise BadRecording(
                 f"one source of '{text}' in {log}",
-                f"{len(found)} that are neither one continued nor one recorded twice",
+                f"{len(found)} that are neither consecutive nor duplicates",
                 "Name one of them in the channel map.", found)
     return names
 
@@ -182,7 +182,7 @@ def _decode_parts(source: McapSource, fields: Mapping[str, Fields], parts: list[
     for part, collected in zip(parts, pieces, strict=True):
         columns = [each.values for each in collected]
         if not len(columns[0]):
-            why = "messages that are not what their schema says"
+            why = "messages that do not match their schema"
             if not lenient:
                 raise BadRecording(f"readable messages in {part.topic} of {log}", why, "Check the recorder.")
             unreadable[part.topic] = why
@@ -205,7 +205,7 @@ def _collectors(part: TopicPart, source: McapSource) -> list[Collector]:
 
 def _broken_finding(topic: str, count: int, source: McapSource, log: str) -> Finding:
     return Finding("warning", "log-damaged",
-                   f"{count} messages of {topic} in {log} are not what their encoding or schema says; they are "
+                   f"{count} messages of {topic} in {log} do not match their encoding or schema; they are "
                    "left out.", {"messages": count, "of": source.topics[topic].count}, "Check the recorder.")
 
 
@@ -225,7 +225,7 @@ def _damage_findings(source: McapSource) -> list[Finding]:
         evidence["recorded"] = source.recorded
         of = f" of {source.recorded}"
     return [Finding("warning", "log-damaged",
-                    f"{display_name(source.path)} is cut short or damaged ({_damage_text(source.damage)}); the "
+                    f"{display_name(source.path)} is truncated or damaged ({_damage_text(source.damage)}); the "
                     f"{source.count} messages{of} that can be read are used.", evidence,
                     "Recover it with `mcap recover`, or record again.")]
 
@@ -233,8 +233,8 @@ def _damage_findings(source: McapSource) -> list[Finding]:
 def _repeated_topic_findings(source: McapSource, topics: set[str]) -> list[Finding]:
     """One finding per channel of these topics that is left out, since another one holds its messages."""
     return [Finding("warning", "topic-duplicated",
-                    f"{each.topic} is in {display_name(source.path)} twice: channel {each.channel} has the "
-                    f"messages of channel {each.used} once more. Channel {each.used} is used.",
+                    f"{each.topic} is in {display_name(source.path)} twice: channel {each.channel} duplicates "
+                    f"the messages of channel {each.used}. Channel {each.used} is used.",
                     {"topic": each.topic, "used": each.used, "messages": each.used_count, "left_out": each.channel,
                      "messages_left_out": each.count}, "Check whether two recorders ran.")
             for each in source.repeated if each.topic in topics]

@@ -46,7 +46,7 @@ def recover(walked: Records, summary: Summary) -> tuple[Records, list[str]]:
     end, left = records.end, len(walked.data) - records.end
     return _with_cut_chunk(records, end, len(walked.data)), [
         *damage, f"it stops within a record at byte {end}, {left} bytes before its end" if left
-        else "it has no end mark, as if the recorder was stopped hard"]
+        else "it has no end mark, as if the recorder was killed"]
 
 
 def _has_end_mark(records: Records) -> bool:
@@ -105,7 +105,7 @@ def _recover_by_search(walked: Records) -> tuple[Records, list[str]]:
     for at, (code, content) in others.items():
         if code not in (CHUNK, CUT_CHUNK) and _is_chunk(walked.data, at - RECORD_HEAD):
             others[at] = (CHUNK, content)
-            damage.append("a chunk that says to be another record")
+            damage.append("a chunk with the type of another record")
     if not damage:
         return walked, []
     return Records(walked.data, np.concatenate([part.starts for part in parts]),

@@ -104,7 +104,7 @@ def open_topic(topic: Topic) -> Fields:
         return noted or (_ros_unit(types, topic.schema.name, path) if topic.encoding != "protobuf" else None)
 
     if not trees:
-        raise BrokenMessage("messages that are not what their schema says")
+        raise BrokenMessage("messages that do not match their schema")
     return Fields(topic.topic, topic.name, _listed_paths(trees), tuple(trees), unit,
                   lambda paths: BinaryColumns(walk, list(paths)))
 
