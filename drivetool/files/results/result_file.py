@@ -18,7 +18,7 @@ from drivetool.files.yaml import to_json, to_plain, to_yaml
 from drivetool.finding_codes import DOUBTING
 from drivetool.identify.estimate import Z95, Covariance, Estimate, FoundLaw, Parameter, Starts, derived_figures_of
 
-TAKEN_OVER = "taken over, not used in this step"
+TAKEN_OVER = "copied from the parameter file, not used in this step"
 COAST_DOWN_FIGURES = ("rmse_counts", "nrmse_mean", "sensor_rmse", "parameters_rmse")
 Form = Literal["yaml", "json"]
 Inputs = Sequence[tuple[str, str]]
