@@ -25,7 +25,7 @@ def exit_code(severities: Iterable[Severity], passed: bool = True, strict: bool 
     """What a finished command returns.
 
     severities  of its findings
-    passed      whether every bar that was set is met
+    passed      whether every limit that was set is met
     strict      whether warnings count as failures
     """
     bad = {"failure", "warning"} if strict else {"failure"}

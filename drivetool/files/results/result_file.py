@@ -79,7 +79,7 @@ def estimate_file(estimate: Estimate, inputs: Inputs = (),
 
 
 def validation_file(validation: Validation, inputs: Inputs = ()) -> shapes.ValidationFile:
-    """The validation file: passed means every check met every bar that was set."""
+    """The validation file: passed means every check met every limit that was set."""
     return shapes.ValidationFile(
         schema=shapes.VALIDATION_SCHEMA, tool=tool_section(), step="validate", verdict=validation.verdict,
         passed=all(check.passed for check in validation.checks),
