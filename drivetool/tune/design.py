@@ -50,7 +50,7 @@ def tune(drive: Drive, options: TuneOptions, draw_pictures: bool = False) -> Gai
     """
     if not options.limits.sensitivity > 1.0:
         raise BadOption("a limit of the sensitivity above 1", f"{options.limits.sensitivity:g}",
-                        "No loop that controls anything stays below; 1.4 to 2 is usual.")
+                        "No feedback loop has a lower Ms; 1.4 to 2 is usual.")
     if not options.limits.gain > 0.0:
         raise BadOption("a largest gain above zero", f"{options.limits.gain:g}", "Correct --max-gain.")
     if options.confidence is not None and not 0.0 < options.confidence < 1.0:
@@ -137,12 +137,12 @@ def _infeasible_error(nominal: TuningProblem, options: TuneOptions, draws: Draws
     if np.isfinite(limits.gain) and (found := _least_gain(free)) is not None:
         return BadOption(
             f"settings with Kp up to {limits.gain:g} and Ms up to {limits.sensitivity:g}",
-            f"none; with this Ms limit and an integral time of up to {free.times[1]:.3g} s the gain has to be at "
-            f"least {found:.4g}", f"Raise --max-gain to {found:.3g} or the Ms limit.")
+            f"none. With this Ms limit and an integral time of up to {free.times[1]:.3g} s the gain is at least "
+            f"{found:.4g}", f"Raise --max-gain to {found:.3g} or the Ms limit.")
     lowest = lowest_sensitivity(free)
     if lowest > limits.sensitivity:
         return BadOption(
-            f"settings with Ms up to {limits.sensitivity:g}", f"none; the lowest that can be kept is {lowest:.3g}",
+            f"settings with Ms up to {limits.sensitivity:g}", f"none; the lowest attainable Ms is {lowest:.3g}",
             f"Give --max-sensitivity {lowest * 1.005:.3g} or more, or shorten the lags in the loop.")
     for wider in (1.1, 1.25, 1.5, 2.0, 3.0, 5.0):
         limit = 1.0 + (limits.sensitivity - 1.0) * wider
@@ -150,11 +150,12 @@ def _infeasible_error(nominal: TuningProblem, options: TuneOptions, draws: Draws
         if robust_optimum(trial, draws, options.confidence) is not None:
             return BadOption(
                 f"settings with Ms up to {limits.sensitivity:g} in {100 * options.confidence:g} % of the draws",
-                f"none; {limit:.3g} can be kept", f"Give --max-sensitivity {limit:.3g}, a lower --confidence, "
-                "or identify the drive more closely.")
+                f"none; Ms up to {limit:.3g} is attainable",
+                f"Give --max-sensitivity {limit:.3g}, a lower --confidence, or identify the drive more closely.")
     return BadOption(
         f"settings with Ms up to {limits.sensitivity:g} in {100 * options.confidence:g} % of the draws",
-        f"none, nor up to {limit:.3g}", "The parameters are too uncertain; identify the drive more closely.")
+        f"none, not even with Ms up to {limit:.3g}",
+        "The parameters are too uncertain; identify the drive more closely.")
 
 
 def _least_gain(free: TuningProblem) -> float | None:

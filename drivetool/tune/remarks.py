@@ -48,7 +48,7 @@ def loop_findings(drive: Drive, options: TuneOptions) -> list[Finding]:
     if reasons := left_out_parameters(drive):
         named = "; ".join(f"{', '.join(names)} ({reason})" for reason, names in reasons.items())
         found.append(Finding(
-            "note", "not-in-loop", f"The loop leaves out {named}.",
+            "note", "not-in-loop", f"The loop model does not include {named}.",
             {"parameters": sum(map(len, reasons.values()))},
             "If one matters to the controller, give its equivalent value with --set."))
     codes = acting_effects(drive)
@@ -57,9 +57,9 @@ def loop_findings(drive: Drive, options: TuneOptions) -> list[Finding]:
         falls = "stribeck" in codes
         found.append(Finding(
             "warning" if falls else "note", "friction-linearised",
-            f"{', '.join(flat)} {'have' if len(flat) > 1 else 'has'} no slope at the working point, which is slow "
-            "motion" + ("; around the Stribeck speed the friction falls with speed, which destabilises." if falls
-                        else "; at higher speed the drag damps more."),
+            f"{', '.join(flat)} {'have' if len(flat) > 1 else 'has'} zero slope at the working point (slow "
+            "motion)" + ("; around the Stribeck speed the friction falls with speed, which destabilises." if falls
+                        else "; at higher speed drag adds damping."),
             {"parameters": len(flat)}, "Give the working speed with --speed."))
     if options.speed_filter > 0.0 and "speed-filter" in codes:
         found.append(Finding(
@@ -82,20 +82,22 @@ def spread_findings(drive: Drive, options: TuneOptions, covariance: Covariance |
         share = draws.unphysical / options.draws
         found.append(Finding(
             "warning" if share > 0.05 else "note", "unphysical-draws",
-            f"{draws.unphysical} of {options.draws} draws of the parameters are not physical and were left out.",
+            f"{draws.unphysical} of {options.draws} draws of the parameters are not physical and are left out.",
             {"unphysical": draws.unphysical, "draws": options.draws},
-            "The normal distribution reaches beyond the bounds: a parameter is hardly known."))
+            "Identify the drive more accurately: the normal distribution of a parameter reaches beyond its "
+            "bounds."))
     without_std = [n for n in drive.values if n not in covariance.names and n.rpartition(".")[2] in LOOP_SUFFIXES]
     if without_std:
         found.append(Finding(
             "note", "covariance-incomplete",
-            f"The spread does not include {', '.join(without_std)}, whose uncertainty the file does not state.",
+            f"The quantiles do not include the uncertainty of {', '.join(without_std)}, which the file does not "
+            "state.",
             {"parameters": len(without_std)}, "See the variations, which change them one at a time."))
     if options.known is not None and any(n not in options.known.names for n in covariance.names):
         uncorrelated = [n for n in covariance.names if n not in options.known.names]
         found.append(Finding(
             "note", "covariance-incomplete",
-            f"{', '.join(uncorrelated)} were drawn independently: the file states no correlation of theirs.",
+            f"{', '.join(uncorrelated)} were drawn independently: the file states no correlations for them.",
             {}, ""))
     return found
 
@@ -111,20 +113,20 @@ def design_findings(drive: Drive, design: Design, options: TuneOptions) -> list[
         stays = f"; in 95 % it stays below {high:.3g}" if isfinite(high) else ""
         found.append(Finding(
             "warning", "limit-uncertain",
-            f"{prefix}Ms exceeds {limit:g} in {100 * spread.above_limit:.0f} % of the drives that the parameters' "
-            f"uncertainty allows{stays}.", {"above_limit": spread.above_limit, "ms_95": high},
+            f"{prefix}Ms exceeds {limit:g} in {100 * spread.above_limit:.0f} % of the drives drawn from the "
+            f"parameter covariance{stays}.", {"above_limit": spread.above_limit, "ms_95": high},
             "Tune with --confidence 0.95."))
     if spread and spread.unstable:
         found.append(Finding(
             "warning", "unstable-draws",
             f"{prefix}The loop is unstable for {spread.unstable} of "
-            f"{spread.draws - spread.unphysical} drives that the parameters' uncertainty allows.",
+            f"{spread.draws - spread.unphysical} drives drawn from the parameter covariance.",
             {"unstable": spread.unstable}, "Identify the drive more closely, or tune with " + (
                 "a higher --confidence." if options.confidence else "--confidence.")))
     if design.kept is not None and design.kept < (options.confidence or 0.0) - 0.05:
         found.append(Finding(
             "warning", "limit-uncertain",
-            f"{prefix}In fresh draws the limit holds in {100 * design.kept:.0f} % only.",
+            f"{prefix}On new draws Ms is within its limit in only {100 * design.kept:.0f} % of the drives.",
             {"kept": design.kept}, "Raise --draws."))
     found += limit_cycle_findings(drive, design, prefix)
     if design.wiring.configuration == "mimo" and not design.watches and design.safe_gain is not None:
@@ -136,31 +138,31 @@ def limit_cycle_findings(drive: Drive, design: Design, prefix: str) -> list[Find
     """Limit cycles of the simulated nonlinear drive, and the result of the describing function."""
     found = []
     speed = f"{drive.motion_unit}/s"
-    advice = "Lower the gain, or take the backlash out of the drive."
+    advice = "Lower the gain, or eliminate the backlash."
     if design.safe_gain:
         advice = (f"At Kp up to {design.safe_gain:.4g} {gain_unit(drive)} the loop is stable for every effective "
-                  "stiffness of the gap: lower it, or take the backlash out.")
+                  "stiffness of the gap: reduce Kp, or eliminate the backlash.")
     for watch in design.watches:
         cycle = watch.cycle
         if cycle.hunts:
             found.append(Finding(
                 "warning", "limit-cycle",
-                f"{prefix}The backlash causes a limit cycle ({cycle.situation}): the motor speed swings by "
+                f"{prefix}The backlash causes a limit cycle ({cycle.situation}): the motor speed oscillates by "
                 f"+-{cycle.amplitude:.3g} {speed} at {cycle.frequency:.3g} Hz, the torque by "
-                f"+-{cycle.torque_swing:.3g} {drive.torque_unit}, after a change of the load's speed by "
-                f"{cycle.kick:.2g} {speed}.",
+                f"+-{cycle.torque_swing:.3g} {drive.torque_unit}. It starts after an impact that changes the "
+                f"load speed by {cycle.kick:.2g} {speed}.",
                 {"amplitude": cycle.amplitude, "frequency_hz": cycle.frequency, "load_amplitude": cycle.load_swing,
                  "torque_amplitude": cycle.torque_swing, "kick": cycle.kick,
                  "gain_without_cycle": design.safe_gain or 0.0}, advice))
     if design.safe_gain is not None and not found:
         found.append(Finding(
             "note", "limit-cycle",
-            f"{prefix}With the lower effective stiffness of the gap the linear loop is unstable; no limit cycle "
-            "was found from the kicks that were tried.", {"gain_without_cycle": design.safe_gain}, advice))
+            f"{prefix}The describing function of the gap allows a limit cycle; no simulated impact excites one.",
+             {"gain_without_cycle": design.safe_gain}, advice))
     return found
 
 
 def _mimo_gap_finding(prefix: str) -> Finding:
     return Finding("note", "shaft-feedback-not-evaluated",
                    f"{prefix}The shaft-torque feedback was not simulated across the gap.", {},
-                   "Check it with the softened shaft, and on the machine.")
+                   "Check the design with a reduced shaft stiffness (describing function), and on the machine.")

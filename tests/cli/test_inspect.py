@@ -118,7 +118,7 @@ def test_inspect_table_on_a_terminal(tmp_path, call, monkeypatch):
     _, out, _ = call("inspect", "a.parquet", "-q")
     out = re.sub(r"\x1b\[[0-9;]*m", "", out)
     assert max(len(line) for line in out.splitlines() if "  a step" not in line) <= 80
-    assert "motor_torque" in out and "a step would get motor_torque: 2000 samples of 0.001 s in 2 segments" in out
+    assert "motor_torque" in out and "a step receives motor_torque: 2000 samples of 0.001 s in 2 segments" in out
     assert "note: not read, string" in out
 
 
@@ -127,7 +127,7 @@ def test_show_prints_an_inspection_that_was_written(tmp_path, call):
     call("inspect", "a.parquet", "--out", "i.yaml", "-q")
     code, out, err = call("show", "i.yaml")
     assert (code, err) == (0, "") and "note: not read, string" in out
-    assert "a step would get motor_torque: 2000 samples of 0.001 s in 2 segments" in out
+    assert "a step receives motor_torque: 2000 samples of 0.001 s in 2 segments" in out
     assert "warning recording-interrupted" in out
     text = (tmp_path / "i.yaml").read_text()
     (tmp_path / "i.yaml").write_text(text.replace("samples: 1949", "samples: many", 1))

@@ -57,7 +57,7 @@ def test_records_for_themselves_say_that_a_day_is_no_machine(call, site, tmp_pat
                         "--structure", "physical-innovations", "--out", tmp_path / "compare.yaml")
     assert code == 0, err
     _, out, _ = call("show", tmp_path / "compare.yaml")
-    assert "does not distinguish another machine from another day" in out
+    assert "does not separate differences between machines" in out
 
 
 @pytest.mark.parametrize("words, message", [

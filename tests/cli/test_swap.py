@@ -159,7 +159,7 @@ def test_one_recording_behind_both_files_is_refused(call, folder):
         content = yaml.safe_load(path.read_text()) | {"data": [{"file": f"{name}.parquet", "sha256": "0" * 64}]}
         path.write_text(yaml.safe_dump(content))
     code, _, err = call("compare", "--swap", "motor.yaml", "load.yaml")
-    assert code == 1 and "found motor.parquet behind both" in err
+    assert code == 1 and "found motor.parquet as the source of both" in err
 
 
 def test_inputs_in_ampere_are_of_two_machines(call, folder):

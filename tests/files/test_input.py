@@ -218,7 +218,7 @@ def test_text_is_written_as_it_is_unless_it_cannot_be_seen(name, written):
 
 def test_no_sets_and_no_objects_in_files():
     for value in ({1, 2}, object()):
-        with pytest.raises(TypeError, match="no place in a file"):
+        with pytest.raises(TypeError, match="cannot be written to a file"):
             to_plain({"x": value})
 
 

@@ -104,13 +104,14 @@ def machines_of(words: Sequence[str], logs: Sequence[str]) -> dict[str, tuple[in
                             "Put its recordings under one pattern.")
         found[name] = tuple(i for i, log in enumerate(logs) if fnmatchcase(log, pattern))
         if len(found[name]) < MIN_RECORDS_PER_MACHINE:
-            raise BadOption(f"at least {MIN_RECORDS_PER_MACHINE} recordings of machine {name}: one does not "
-                            "separate it and its day",
+            raise BadOption(f"at least {MIN_RECORDS_PER_MACHINE} recordings of machine {name}: one recording "
+                            "does not separate the machine from the day",
                             f"{len(found[name])} for '{pattern}'", "Correct the pattern, or record it again.",
                             tuple(logs))
     shared = [log for i, log in enumerate(logs) if sum(i in places for places in found.values()) > 1]
     if shared:
-        raise BadOption("every recording in one machine", f"'{shared[0]}' in several", "Correct the patterns.")
+        raise BadOption("every recording assigned to one machine", f"'{shared[0]}' in several",
+                        "Correct the patterns.")
     if len(found) == 1:
         raise BadOption("two machines to compare", f"only '{next(iter(found))}'", "Give another --machine.")
     return found

@@ -39,7 +39,7 @@ def run(job: Job) -> int:
 
     if not job.out.lower().endswith(".parquet"):
         raise BadOption("a file name after --out that ends in .parquet", f"'{job.out}'",
-                        "Name it by what it holds.")
+                        "The output format is Parquet: end the name with .parquet.")
     check_outputs(job)
     channel_map = load_channel_map(job.map)
     converted = in_si(read_recording(job.log, channel_map), channel_map)

@@ -41,7 +41,7 @@ def run(logs: list[str], out: str, quiet: bool) -> int:
         check_target(out)
         if os.path.exists(out):
             raise BadOption("a file that is not there yet, to write a site file", out,
-                            "Give another name with --out; what a person may have edited is not replaced.")
+                            "Give another name with --out; an existing site file is never overwritten.")
     folder = Path.cwd() if out == "-" else Path(os.path.abspath(out)).parent
     text = first_site(_recording_groups(_recordings(logs), folder))
     if out == "-":

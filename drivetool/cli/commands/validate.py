@@ -86,10 +86,13 @@ def run_gains(job: Job, options: ValidateOptions, gains: str, configuration: str
 
     for option, words in (("--start", job.start), ("--record", job.record)):
         if words:
-            raise BadOption(f"{option} or --gains", "both", "A closed loop begins as the record does.")
+            raise BadOption(f"{option} or --gains", "both",
+                            "A replay with --gains starts from the state of the record: leave the other "
+                            "option out.")
     if options.criterion != "simulation" or options.flux_decay is not None:
         other = "--flux-decay" if options.criterion == "simulation" else f"--criterion {options.criterion}"
-        raise BadOption(f"{other} or --gains", "both", "A closed loop is replayed by simulation.")
+        raise BadOption(f"{other} or --gains", "both",
+                        "A replay with --gains is a simulation of the loop: leave the other option out.")
     opened = open_all(job)
     each = [replace(opened.loaded, sources=(source,)) for source in opened.loaded.sources]
     opened, drives = _with_model_torques(opened, [drive_for(job, opened, one) for one in each], False)
@@ -170,5 +173,5 @@ def run(job: Job, options: ValidateOptions) -> int:
         words += ["--map", job.map] if job.map else []
         words += [word for step in job.condition for word in ("--condition", step)]
         words += [word for pair in job.record for word in (RECORD_OPTION, *pair.split(WORD_SEPARATOR))]
-        say("validate", f"the residual has a cause; run diagnose: {shlex.join(words)}")
+        say("validate", f"the residual depends on the input; run diagnose: {shlex.join(words)}")
     return code

@@ -109,7 +109,7 @@ def held_out_differences(found: RecordDifferences, training: Sequence[Experiment
     fitted = {e.sha256 for e in training}
     of_training = [label for n in found.free if found.drive.records[label := n.partition("@")[2]] in fitted]
     if of_training:
-        raise BadOption(f"recordings of --holdout after {RECORD_OPTION} with {FREE_WORD}= of {step}",
+        raise BadOption(f"held-out recordings after {RECORD_OPTION} with {FREE_WORD}= of {step}",
                         of_training[0],
                         "Fit it with greybox --record, and pass the file that it writes.")
     if found.starts:
@@ -122,7 +122,7 @@ def _named_recording(file: str, logs: Sequence[str], experiments: Sequence[Exper
     """The recording of that name on the command line."""
     if file not in logs:
         raise BadOption(f"a recording of the command line after {RECORD_OPTION}", f"'{file}'",
-                        "Name it as it is named there.", tuple(logs))
+                        "Use the same name as on the command line.", tuple(logs))
     e = experiments[list(logs).index(file)]
     if sum(other.sha256 == e.sha256 for other in experiments) > 1:
         raise BadOption(f"a recording after {RECORD_OPTION} whose content no other has",

@@ -58,7 +58,7 @@ def _common_unit(what: str, units: Sequence[tuple[str, str]]) -> str:
     first, common = units[0]
     for name, unit in units:
         if unit != common:
-            raise BadRecording(f"recordings with the {what} in {common}, as {first} has it", f"{unit} in {name}",
+            raise BadRecording(f"recordings with the {what} in {common}, the unit of {first}", f"{unit} in {name}",
                                "Fit them separately, or correct the units in the channel map.")
     return common
 

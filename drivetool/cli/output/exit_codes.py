@@ -25,7 +25,7 @@ def exit_code(severities: Iterable[Severity], passed: bool = True, strict: bool 
     """What a finished command returns.
 
     severities  of its findings
-    passed      whether every bar that was set is met
+    passed      whether every limit that was set is met
     strict      whether warnings count as failures
     """
     bad = {"failure", "warning"} if strict else {"failure"}
@@ -58,8 +58,8 @@ def guarded(command: str, work: Callable[[], int], debug: bool = False, quiet: b
             text = " ".join(f"{type(error).__name__}: {error}".split())
             text = f"unexpected {text} (run again with --debug for the traceback)"
             if type(error).__name__ == "LinAlgError":
-                text = ("error: wanted records that a drive can be fitted to; found values that no equations hold "
-                        f"for ({error}). Look at them with inspect, and leave out what is broken.")
+                text = ("error: wanted records that a drive can be fitted to; found equations without a finite "
+                        f"solution ({error}). Check the records with inspect, and exclude damaged channels.")
             if isinstance(error, OSError) and error.errno in (errno.ENOSPC, errno.EIO):
                 text = f"error: wanted to print the result; found {error.strerror}. Make room, or print elsewhere."
                 os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())

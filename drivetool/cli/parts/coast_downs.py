@@ -39,12 +39,12 @@ def with_coast_down_criterion(opened: Opened, options: ValidateOptions) -> Valid
         elif without_torque:
             raise BadRecording(
                 "role motor_torque for the drive's input", f"none in {without_torque.name}",
-                "Name its channel in the channel map; where the drive runs down without torque, say "
+                "Name its channel in the channel map; where the drive coasts down without torque, give "
                 f"--criterion {COAST_DOWN}.", without_torque.signals)
     if options.criterion != COAST_DOWN:
         if options.flux_decay is not None:
             raise BadOption(f"--criterion {COAST_DOWN} with --flux-decay", f"--criterion {options.criterion}",
-                            "Say so, or leave it out.")
+                            f"Give --criterion {COAST_DOWN}, or leave out --flux-decay.")
         return options
     if options.flux_decay is None:  # the models do not cover what the fits left out
         options = replace(options, flux_decay=max(map(fitted_flux_decay, files), default=0.0) or None)
@@ -73,14 +73,15 @@ def validate_coast_downs(opened: Opened, drives: Sequence[Drive], options: Valid
 def refuse_coast_downs(experiments: Sequence[Experiment]) -> None:
     """Refuse recordings without a driving torque, which a diagnosis needs.
 
-    raises  BadRecording: no torque was logged in one, or zeros alone in all
+    raises  BadRecording: no torque was logged in one, or only zeros in all
     """
     without_torque = [e.name for e in experiments if "motor_torque" not in e.signals]
     zero_torque = [e.name for e in experiments
                    if e.name not in without_torque and not e.signals["motor_torque"].any()]
     if without_torque or len(zero_torque) == len(experiments):
         raise BadRecording(
-            "a torque that drives, for a diagnosis", f"none in {', '.join(without_torque)}" if without_torque else
-            f"zeros alone in {', '.join(zero_torque)}",
-            "Name its channel in the channel map; where the drive runs down without torque, take steady --method "
-            "coast-down, which names the law that its friction lacks.")
+            "a non-zero motor torque, for a diagnosis",
+            f"none in {', '.join(without_torque)}" if without_torque else
+            f"only zeros in {', '.join(zero_torque)}",
+            "Name its channel in the channel map; where the drive coasts down without torque, use steady --method "
+            "coast-down, which identifies the missing friction law.")

@@ -46,8 +46,8 @@ def replay_gains(experiments: Sequence[Experiment], models: Sequence[tuple[str, 
             plots.append(_replay_plot(model, experiment, run))
     missed = [c for c in checks if not c.passed]
     verdict = f"Replayed {name} on {', '.join(dict.fromkeys(c.file for c in checks))}: " + (
-        f"{len(missed)} of {len(checks)} signals missed a bar." if missed else
-        "every bar that was set is met." if options.min_fit is not None else "no bar was set.")
+        f"{len(missed)} of {len(checks)} signals miss a limit." if missed else
+        "every stated limit is met." if options.min_fit is not None else "no limit is stated.")
     data = tuple(e.source for e in experiments)
     return Validation(tuple(checks), verdict, tuple(found), data, {}, tuple(plots)), (name, digest)
 

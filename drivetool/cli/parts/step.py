@@ -87,7 +87,8 @@ def run(job: Job, estimator: Estimator, options: Options) -> int:
 
     if job.record and job.step == "steady" and options.method != "coast-down":
         raise BadOption("--method coast-down with --record of steady", f"--method {options.method}",
-                        "Say so, or leave it out: other methods take recordings as alike.")
+                        "Give --method coast-down, or leave out --record: other methods assume equal conditions in "
+                        "all recordings.")
     opened = open_all(job)
     refuse_copies(opened.experiments)
     differences = record_differences(job, opened.experiments, drive_for(job, opened, free=options.free))

@@ -28,7 +28,7 @@ def check_words(files: Sequence[str], options: Mapping[str, object]) -> None:
                             "Fit each recording first, for example with greybox, and give what it writes.")
     if len(files) != 2:
         raise BadOption("two parameter files after compare --swap", f"{len(files)}",
-                        "Give that of the first motor, then that of the second.")
+                        "Give the file of the first motor, then the file of the second.")
     if list(files) == ["-", "-"]:
         raise BadOption("standard input once", "'-' twice", "Give the second one as a file.")
 

@@ -20,7 +20,7 @@ def check_target(path: str | Path) -> Path:
         return path
     folder = (Path(os.path.realpath(path)) if path.is_symlink() else path).parent
     if path.is_symlink() and not folder.is_dir():
-        raise BadOption(f"a link that leads to a folder, to write {path.name} to", f"no folder {folder}",
+        raise BadOption(f"an existing folder for the target of the link {path.name}", f"no folder {folder}",
                         "Correct the link, or give another path.")
     if path.is_dir():
         raise BadOption("a file name to write to", f"the folder '{path}'", "Add a file name.")

@@ -58,14 +58,14 @@ def _gain_html(gain: Gain) -> str:
     rows = [(change(gain.held_out_rmse_before, gain.held_out_rmse_after, gain.unit), "error on data held out"),
             (change(gain.held_out_fit_before, gain.held_out_fit_after, "%"), "fit on data held out"),
             (f"{short(gain.noise_floor, 3)} {escape(gain.unit)}", "noise of the sensor alone"),
-            (f"{short(gain.unexplained_percent, 3)} %", "of what was wrong is still unexplained")]
+            (f"{short(gain.unexplained_percent, 3)} %", "of the base model's unexplained log likelihood remains")]
     boxes = "".join(f"<div><b>{value}</b><span>{label}</span></div>" for value, label in rows if "nan" not in value)
     fresh = "" if gain.further_record_interval is None else (
-        " On a further record of this length it falls by {} to {}".format(
+        " On a further record of this length the error decreases by {} to {}".format(
             *(short(end, 3) for end in gain.further_record_interval)) + f" {escape(gain.unit)} (95 %).")
     what = f"Free runs of {gain.segment:g} s each" if gain.of == "motion" else "Torque that the motion requires"
-    return (f'<div class="figures">{boxes}</div>\n<p class="small">{what}, over data '
-            f"that no fit has seen.{fresh}</p>")
+    return (f'<div class="figures">{boxes}</div>\n<p class="small">{what}, on held-out data.'
+            f"{fresh}</p>")
 
 
 def _causes_html(diagnosis: Diagnosis) -> str:
@@ -77,7 +77,7 @@ def _causes_html(diagnosis: Diagnosis) -> str:
         is_part = UNLISTED in diagnosis.between and found.code != UNLISTED  # in the extended drive, with the others
         name, text, look = words.cause_words(found, final if is_found or is_closest or is_part else {})
         qualifier = "" if is_found else " (comes closest)" if is_closest else (
-            " (part of the answer, or all of it)" if is_part else " (one of the possible causes)")
+            " (part of the cause, or the whole cause)" if is_part else " (one of the possible causes)")
         law = f' <span class="small">Law: <code>{escape(found.law)}</code></span>' if found.law else ""
         lines.append(f"<h3>{escape(name)}{qualifier}</h3>\n<p>{escape(text)} {escape(look)}{law}</p>")
     if len(lines) == 1:
@@ -92,7 +92,7 @@ def _pictures_html(diagnosis: Diagnosis) -> str:
     plots = [e for kind in _PICTURE_ORDER for e in diagnosis.exhibits if e.kind == kind]
     if not plots:
         return ""
-    lines, explained = ["<h2>What it looks like</h2>"], set()
+    lines, explained = ["<h2>Plots</h2>"], set()
     for n, plot in enumerate(plots, 1):
         lines.append(f"<figure>\n{_inline_svg(svg(plot), n, plot.title)}")
         if plot.kind not in explained:  # once is enough
@@ -116,7 +116,7 @@ def _candidates_html(section: shapes.DiagnosisSection) -> str:
     """All candidates of all rounds."""
     lines = ["<h2>What was looked for</h2>",
              '<p class="small">Gain: log likelihood gained on data held out, with its standard error. Evidence: '
-             "power of ten by which these data are likelier with the cause than without.</p>"]
+             "log10 of the likelihood ratio, with the cause over without it.</p>"]
     for one in section.rounds:
         rows = []
         mine = [c for c in section.candidates if c.round == one.round]
@@ -128,7 +128,7 @@ def _candidates_html(section: shapes.DiagnosisSection) -> str:
                 "-" if each.evidence is None else f"{each.evidence:.1f}", escape(words.STATES[each.state]),
                 escape(words.detection_limits(each)) or "-")))
         lines.append(_table_html(f"Round {one.round}", (
-            "cause", "gain", "evidence", "verdict", "would have been seen from"), (1, 2), rows))
+            "cause", "gain", "evidence", "verdict", "detection limit"), (1, 2), rows))
     return "\n".join(lines)
 
 
@@ -140,7 +140,7 @@ def _parameters_html(base: Sections, after: Sections) -> str:
         if old is None and new.status == "held":
             continue
         style = "named" if old is None or old.value is None else "faint" if new and new.status == "held" else ""
-        status = "gone" if new is None else new.status.replace("-", " ")
+        status = "removed" if new is None else new.status.replace("-", " ")
         unit = (new or old).unit or ""
         rows.append((style,
                      (f"<code>{escape(name)}</code>", _value_html(old), _value_html(new), escape(unit), status)))

@@ -26,7 +26,8 @@ def sides_of(first: Loaded, second: Loaded) -> tuple[Side, Side]:
     recordings = {entry.sha256: entry.file for entry in first.sources[0].file.data}
     common_records = [recordings[e.sha256] for e in second.sources[0].file.data if e.sha256 in recordings]
     if common_records:
-        raise BadParameters("two files from recordings of their own", f"{common_records[0]} behind both",
+        raise BadParameters("two files fitted to different recordings",
+                            f"{common_records[0]} as the source of both",
                             "Identify each side from a recording in which its own motor moves the drive.")
     one, other = number_duplicates([_display_name(loaded) for loaded in (first, second)])
     return _side_of(first, one), _side_of(second, other)
@@ -58,7 +59,7 @@ def _full_covariance(loaded: Loaded, drive: Drive, name: str) -> Covariance | No
     matrix[range(k, len(names)), range(k, len(names))] = np.square(list(single_stds.values()))
     wrong = [n for n, v in zip(names, np.diag(matrix), strict=True) if not 0.0 < v < np.inf]
     if wrong or not np.isfinite(matrix).all():
-        raise BadParameters("variances above zero in the covariance", f"another one in {name}",
+        raise BadParameters("variances above zero in the covariance", f"other values in {name}",
                             "Correct it, or delete the whole covariance section.", wrong)
     return Covariance(names, matrix) if names else None
 

@@ -25,9 +25,9 @@ def check_base(loaded: Loaded, drive: Drive) -> None:
     if not any(entry.status in FITTED_STATUSES for entry in sections.values()):
         names = ", ".join(name for name, _ in loaded.inputs)
         raise BadParameters(
-            "a base that was fitted", f"only values that were held in {names or 'no file'}",
-            "Run greybox on these recordings first, and give its file after --params: the residual of a wrong "
-            "value would be taken for a cause.")
+            "a base that was fitted", f"only held values in {names or 'no file'}",
+            "Run greybox on these recordings first, and give its file after --params: otherwise the "
+            "diagnosis reports the error of a wrong value as a cause.")
 
 
 def check_holdout(training: Sequence[Experiment], holdout: Sequence[Experiment]) -> None:
@@ -39,7 +39,7 @@ def check_holdout(training: Sequence[Experiment], holdout: Sequence[Experiment])
     for each in holdout:
         known = next((names[content] for content in each.contents if content in names), None)
         if known is not None:
-            same = "itself" if each.name == known else f"the same recording as {known}"
+            same = "which is also a training recording" if each.name == known else f"the same recording as {known}"
             raise BadOption(
                 "a recording after --holdout that is not one of the others", f"{each.name}, {same}",
                 "Give another recording, or leave --holdout out: the recordings are then cross-validated in parts.")
@@ -52,30 +52,31 @@ def base_findings(loaded: Loaded, training: Sequence[Experiment],
     found = []
     unseen = [e.name for e in training if e.sha256 not in fitted_to]
     if unseen:
-        known = "to other recordings" if fitted_to else "to recordings it does not name"
+        known = "to other recordings" if fitted_to else "to recordings that its file does not list"
         found.append(Finding(
             "warning", "biased-base",
-            f"The base was fitted {known}, not to {', '.join(unseen)}: a difference between the recordings, "
-            "say in temperature or load, may be taken for a cause.", {"recordings": len(unseen)},
+            f"The base was fitted {known}, not to {', '.join(unseen)}: a difference, for example in "
+            "temperature or load, may be reported as a cause.", {"recordings": len(unseen)},
             "Fit the base to these recordings, with greybox."))
     fitted_holdout = [e.name for e in holdout if e.sha256 in fitted_to]
     if fitted_holdout:
         found.append(Finding(
             "warning", "not-held-out",
-            f"The base was fitted to {', '.join(fitted_holdout)}, which should be held-out data: "
-            "the gain stated is too small.",
-            {"recordings": len(fitted_holdout)}, "Give a recording that no fit has seen."))
+            f"The base was fitted to {', '.join(fitted_holdout)}, which is held-out data here: "
+            "the stated gain is too small.",
+            {"recordings": len(fitted_holdout)}, "Give a recording that no fit has used."))
     by_torque = [s.file.options.get("criterion") == "inverse" for s in loaded.sources if s.file.data]
     if any(by_torque) and criterion != "inverse":
         found.append(Finding(
             "warning", "biased-base",
-            "The base was fitted to the torque that the motion requires, but the diagnosis simulates the motion. "
-            "Where the motion was imposed, errors of a simulated motion have no cause in the drive.", {},
+            "The base was fitted by inverse dynamics, but the diagnosis simulates the motion. Where the motion was "
+            "imposed, the error of the simulated motion is not caused by the drive.", {},
             "Diagnose with --criterion inverse, or fit the base by a simulation first."))
     shift_findings = [f for source in loaded.sources for f in source.file.findings if f.code in SHIFTED]
     return (*found, *(Finding(
         "warning", "biased-base",
-        f"{f.text} The base says so; a diagnosis takes it for a cause, often for a third mass.",
+        f"{f.text} The file of the base has this finding; a diagnosis would report the shift as a cause, often as "
+        "a third mass.",
         {"shift": float(f.evidence["shift"])}, f"First: {f.action}") for f in shift_findings))
 
 

@@ -18,7 +18,7 @@ from drivetool.files.yaml import to_json, to_plain, to_yaml
 from drivetool.finding_codes import DOUBTING
 from drivetool.identify.estimate import Z95, Covariance, Estimate, FoundLaw, Parameter, Starts, derived_figures_of
 
-TAKEN_OVER = "taken over, not used in this step"
+TAKEN_OVER = "copied from the parameter file, not used in this step"
 COAST_DOWN_FIGURES = ("rmse_counts", "nrmse_mean", "sensor_rmse", "parameters_rmse")
 Form = Literal["yaml", "json"]
 Inputs = Sequence[tuple[str, str]]
@@ -79,7 +79,7 @@ def estimate_file(estimate: Estimate, inputs: Inputs = (),
 
 
 def validation_file(validation: Validation, inputs: Inputs = ()) -> shapes.ValidationFile:
-    """The validation file: passed means every check met every bar that was set."""
+    """The validation file: passed means every check met every limit that was set."""
     return shapes.ValidationFile(
         schema=shapes.VALIDATION_SCHEMA, tool=tool_section(), step="validate", verdict=validation.verdict,
         passed=all(check.passed for check in validation.checks),

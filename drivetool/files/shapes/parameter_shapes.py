@@ -13,7 +13,7 @@ from drivetool.finding_codes import RENAMED
 PARAMETERS_SCHEMA = "drivetool/parameters/1"
 VALIDATION_SCHEMA = "drivetool/validation/1"
 # Of a std beside findings that something is missing from the structure.
-IF_COMPLETE = "the +- holds only if nothing is missing from the drive, which the findings doubt"
+IF_COMPLETE = "the +- assumes a complete model of the drive, which a finding questions"
 
 Number = float | None
 Plain = dict[str, Any]

@@ -33,7 +33,7 @@ def _plain_table(*columns: str, title: str = "") -> Table:
 
 
 def _print_spectra(file: SpectraFile, console: Console) -> None:
-    table = _plain_table("peak", "Hz", "+- half a line", f"magnitude {file.unit}", "prominence dB",
+    table = _plain_table("peak", "Hz", "+- bin width/2", f"magnitude {file.unit}", "prominence dB",
                    title=f"{file.output} over {file.input}")
     for p in file.peaks:
         table.add_row(p.kind, short(p.hz, 5), short(p.resolution_hz / 2, 3), short(p.magnitude),
@@ -44,7 +44,7 @@ def _print_spectra(file: SpectraFile, console: Console) -> None:
                  else f"{d.below_signal_db:.0f} dB below the signal")
         console.print(Text(f"  {d.kind} distortion: {level} ({d.lines} lines)"))
     c = file.coherence
-    console.print(Text(f"  coherence: median {short(c['median'], 3)}, least {short(c['least'], 3)}"))
+    console.print(Text(f"  coherence: median {short(c['median'], 3)}, minimum {short(c['least'], 3)}"))
     for name, value in file.uncertainty.items():
         if value is not None:
             console.print(Text(f"  std over magnitude, {name.replace('_', ' ')}: {100 * value:.2g} % (median)"))
@@ -64,14 +64,14 @@ def _print_comparison(file: ComparisonFile, console: Console) -> None:
                                          short(c.simulation_fit_percent, 3) if c else "-" for c in cells))
         console.print(table)
     if file.spread:
-        table = _plain_table("figure", "structure", "mean", "std", "unit", title="over the experiments")
+        table = _plain_table("figure", "structure", "mean", "std", "unit", title="mean and std over recordings")
         for s in file.spread:
             mean, std = rounded(s.mean, s.std)
             table.add_row(s.name, s.structure, mean, std, s.unit)
         console.print(table)
     if any(d.differs for d in file.differences):
         table = _plain_table("differs", "structure", "from", "to", "change", "+-", "unit", "p",
-                       title=_compared_with(file))
+                       title=f"differences {_compared_with(file)}")
         for d in (d for d in file.differences if d.differs):
             change, std = rounded(d.change, d.std)
             table.add_row(d.name, d.structure, short_names.get(d.first, d.first),
@@ -79,26 +79,27 @@ def _print_comparison(file: ComparisonFile, console: Console) -> None:
                           change, std, d.unit, short(d.p, 2))
         console.print(table)
     elif file.differences:
-        console.print(Text(f"  no figure differs {_compared_with(file)}", style="dim"))
+        console.print(Text(f"  no differences {_compared_with(file)}", style="dim"))
     if file.differences and not file.options.get("machines"):
         console.print(Text(
-            "  One record each does not distinguish another machine from another day, see --machine.", style="dim"))
+            "  One record per machine does not separate differences between machines from differences between "
+            "days, see --machine.", style="dim"))
     console.print(Text(f"  {file.outcome}"))
 
 
 def _compared_with(file: ComparisonFile) -> str:
     """The compared records or machines, and the scatter that a difference must exceed."""
     if file.options.get("machines"):
-        return "between machines, by more than each varies from recording to recording"
-    return "between records, by more than the noise within them"
+        return "between machines beyond the scatter of their recordings"
+    return "between records beyond their noise"
 
 
 def _print_swap_comparison(found: SwapSection, console: Console) -> None:
     """Two rows per figure; the second one has the name of the second file, where that is another."""
     lines = [*found.lines, *found.derived]
     compared = [line for line in lines if line.difference is not None]
-    table = _plain_table("parameter", "value", "+- (std)", "unit", "difference", "+- (std)", "over std",
-                   title=f"{found.first}, below it {found.second} with its own names")
+    table = _plain_table("parameter", "value", "+- (std)", "unit", "difference", "+- (std)", "diff/std",
+                   title=f"first row {found.first}, second row {found.second} (own names)")
     for line in compared:
         style = "dim" if line.ratio is None else "yellow" if line.differs else ""
         for row in _swap_rows(line):

@@ -64,7 +64,7 @@ def candidate_table(candidates: Sequence[shapes.CandidateSection], title: str) -
     for name in ("held-out gain", "log10 E"):
         table.add_column(name, justify="right", no_wrap=True)
     table.add_column("verdict", overflow="fold", min_width=20)
-    table.add_column("seen here from", overflow="fold")
+    table.add_column("min detectable", overflow="fold")
     ordered = sorted(candidates, key=lambda c: (c.gain is None, -(c.gain or 0.0)))
     for each in ordered:
         evidence = "-" if each.evidence is None else f"{each.evidence:.1f}"
@@ -79,13 +79,14 @@ def gain_lines(gain: shapes.GainSection) -> list[str]:
     free = f"free runs of {short(gain.segment)} s over data held out" if gain.of == "motion" else (
         "torque that the motion requires, over data held out")
     fresh = "" if gain.rmse_gain_ci95 is None else (
-        " (on a further record lower by {} to {}, 95 %)".format(*(short(end, 3) for end in gain.rmse_gain_ci95)))
+        " (reduction on a further record: {} to {}, 95 %)".format(*(short(end, 3) for end in gain.rmse_gain_ci95)))
     lines = [
         f"{free}: rmse {short(gain.held_out_rmse_before)} -> {short(gain.held_out_rmse_after)} {gain.unit}{fresh}",
         f"fit {short(gain.held_out_fit_before)} -> {short(gain.held_out_fit_after)} %" + (
             "" if gain.noise_floor is None else f"; noise of the sensor {short(gain.noise_floor)} {gain.unit}")]
     if gain.unexplained_percent is not None:
-        lines.append(f"left unexplained: {short(gain.unexplained_percent, 3)} % of what the base did not explain")
+        lines.append(f"remaining: {short(gain.unexplained_percent, 3)} % of the base model's unexplained log "
+                     "likelihood")
     return lines
 
 

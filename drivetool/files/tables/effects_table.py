@@ -47,7 +47,7 @@ def print_catalogue(entries: Sequence[Entry], console: Console) -> None:
         table.add_row(*(Text(entry[key] or "-") for key in ("code", "of", "law", "needs")),
                       Text(", ".join(entry["diagnosed_as"]) or "-"))
     console.print(table)
-    console.print(Text("  drivetool effects CODE says more about one of them.", style="dim"))
+    console.print(Text("  drivetool effects CODE describes one of them.", style="dim"))
 
 
 def print_entry(entry: Entry, console: Console) -> None:

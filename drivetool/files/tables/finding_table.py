@@ -39,7 +39,7 @@ def print_findings_list(entries: Sequence[Mapping[str, Any]], console: Console) 
             if entry["stage"] == stage:
                 table.add_row(*map(Text, (entry["code"], "/".join(entry["severities"]), entry["meaning"])))
         console.print(table)
-    console.print(Text("  drivetool findings CODE says what to do about one of them.", style="dim"))
+    console.print(Text("  drivetool findings CODE gives the action for one of them.", style="dim"))
 
 
 def print_finding(entry: Mapping[str, Any], console: Console) -> None:

@@ -28,7 +28,7 @@ def print_gains(file: GainsFile, console: Console, per_unit: bool = False) -> No
 def design_table(file: GainsFile, per_unit: bool) -> Table:
     """One column per design."""
     many = len(file.designs) > 1
-    table = _titled_table("settings and what they do")
+    table = _titled_table("controller settings and performance")
     for design in file.designs:
         table.add_column(design.configuration if many else "value", justify="right", no_wrap=True)
     table.add_column("unit", no_wrap=True)
@@ -73,7 +73,7 @@ def _design_rows(file: GainsFile) -> list[tuple[str, Callable[[DesignSection], F
 def robustness_table(file: GainsFile, design: DesignSection, per_unit: bool = False) -> Table:
     """The same settings on other drives: the published variations, then quantiles over the draws."""
     name = f"{design.configuration}: " if len(file.designs) > 1 else ""
-    table = _titled_table(f"{name}the same settings on another drive")
+    table = _titled_table(f"{name}robustness of the settings to changes of the drive")
     table.columns[0].header = "drive"
     drop = design.factors.load_speed.impact_drop
     unit, scale = _shown_unit(drop, per_unit), drop.per_unit / drop.value if per_unit and drop.per_unit else 1.0
@@ -86,7 +86,7 @@ def robustness_table(file: GainsFile, design: DesignSection, per_unit: bool = Fa
     if spread:
         for level in ("0.05", "0.5", "0.95"):
             found = [spread.quantiles[key][level] for key in ("max_sensitivity", "impact_drop", "overshoot")]
-            table.add_row(f"{100 * float(level):g} % of {spread.draws - spread.unphysical} draws below",
+            table.add_row(f"{100 * float(level):g} % quantile of {spread.draws - spread.unphysical} draws",
                           *_figure_texts(found, scale))
     return table
 

@@ -1,4 +1,4 @@
-"""An inspection as a table for the terminal: what each channel is, and what a step would get."""
+"""An inspection as a table for the terminal: what each channel is, and what a step receives."""
 
 from __future__ import annotations
 
@@ -37,10 +37,10 @@ def print_inspection(file: InspectionFile, console: Console) -> None:
         parts: list[ExperimentSection | PartSection] = [e, *e.others]
         counts = " and ".join(f"{p.samples} samples of {p.step:.6g} s in {p.segments} "
                               f"segment{'s' if p.segments > 1 else ''}" for p in parts)
-        console.print(Text(f"  a step would get {', '.join(e.roles)}: {counts}, torque in {e.torque_unit} "
+        console.print(Text(f"  a step receives {', '.join(e.roles)}: {counts}, torque in {e.torque_unit} "
                            f"({e.torque_is}{more}), motion in {e.motion_unit}"))
     else:
-        console.print(Text("  no step could use it as it is", style="yellow"))
+        console.print(Text("  no step can use this recording; see the findings", style="yellow"))
 
 
 def _narrow(value: float | None, digits: int = 4) -> str:

@@ -12,31 +12,32 @@ from drivetool.files.shapes import CandidateSection
 from drivetool.files.tables.result_tables import rounded, short
 from drivetool.identify.estimate import Parameter
 
-VERDICTS = {"nothing-found": "Nothing found", "named": "Cause found", "undetermined": "Cause not settled",
-            "unexplained": "Not all explained"}
+VERDICTS = {"nothing-found": "Nothing found", "named": "Cause found", "undetermined": "Cause undetermined",
+            "unexplained": "Residual not fully explained"}
 STATES = {"named": "named", "possible": "as good as the best", "worse": "worse than the best",
-          "no-gain": "no gain", "not-shown": "cannot be shown here", "in-the-model": "already in the model",
+          "no-gain": "no gain", "not-shown": "not identifiable", "in-the-model": "already in the model",
           "failed": "failed"}
 CAPTIONS = {
-    "diagnosis-record": "Grey is the measurement, orange the model before, blue the model with the causes found. "
-                        "Where orange departs from grey, the model before is wrong. The shaded part is enlarged "
+    "diagnosis-record": "Grey: measurement; orange: base model; blue: model with the causes found. "
+                        "Where orange departs from grey, the base model is wrong. The shaded part is enlarged "
                         "at the bottom.",
-    "diagnosis-residual-time": "An error that comes back at the same events has a cause in the machine; one that "
-                               "sets in once is an event; one that fades is a drift. Free runs start anew where "
-                               "the error jumps.",
+    "diagnosis-residual-time": "An error that recurs at the same events is a property of the machine; one that "
+                               "begins once is an event; one that decays is a drift. Free runs start anew "
+                               "where the error jumps.",
     "diagnosis-residual-speed": "A step at zero is dry friction, a hump near zero breakaway friction, a parabola "
-                                "drag. Flat means that friction is right.",
-    "diagnosis-residual-torque": "A slope is a wrong stiffness, inertia or torque scale; growth towards the ends "
-                                 "a shaft that stiffens or softens; a bump around zero is backlash.",
-    "diagnosis-residual-order": "A single peak that is gone afterwards is a torque that repeats with the angle: "
-                                "ripple, or at one per turn imbalance. With an elastic shaft the amplitudes are "
-                                "approximate.",
+                                "drag. A flat curve means that the friction model is correct.",
+    "diagnosis-residual-torque": "A slope indicates a wrong stiffness, inertia or torque scale; growth towards the "
+                                 "ends indicates a hardening or softening shaft; a bump around zero indicates "
+                                 "backlash.",
+    "diagnosis-residual-order": "A single peak that the extended model removes is a torque that repeats with the "
+                                "angle: ripple, or imbalance at one per turn. With an elastic shaft the "
+                                "amplitudes are approximate.",
     "diagnosis-order-map": "An upright ridge is a torque that repeats with the motor's angle, at every speed: "
                            "ripple or cogging. A ridge whose order falls as the speed rises is a disturbance of "
                            "fixed frequency. White is within the noise, or too fast for the sampling rate.",
-    "diagnosis-residual-reversal": "All reversals laid on top of each other, the downward ones mirrored. A ringing "
+    "diagnosis-residual-reversal": "All reversals superimposed, the downward ones mirrored. A ringing "
                                    "that starts there is backlash, a ramp that starts there is dry friction.",
-    "diagnosis-candidates": "How much better the model predicts held-out data with each cause added. A bar whose "
+    "diagnosis-candidates": "Increase of the held-out log likelihood with each cause added. A bar whose "
                             "error bar reaches zero shows no significant gain.",
 }
 
@@ -48,7 +49,7 @@ def cause_words(found: CandidateResult, final: Mapping[str, Parameter] = Mapping
     final  parameters of the extended drive, where it has the cause: rounds after its own have moved its size
     """
     if found.code == UNLISTED:
-        return ("Or something that is in no catalogue", "The residual is larger than the usual noise of sensors "
+        return ("Or an effect outside the catalogue", "The residual is larger than the usual noise of sensors "
                 "and torques.", "")
     cause = CAUSES.get(found.code)
     name = cause.name if cause else found.code
@@ -73,7 +74,7 @@ def estimate_text(parameter: Parameter) -> str:
 def round_words(number: int, one: Round) -> str:
     """The decision of one round."""
     if one.cause is None:
-        return f"Round {number} found nothing more."
+        return f"Round {number}: no further cause."
     gain = f": {gain_words(one.gain)}" if one.gain else ""
     return f"Round {number} added {CAUSES[one.cause].name if one.cause in CAUSES else one.cause}{gain}."
 
@@ -81,7 +82,7 @@ def round_words(number: int, one: Round) -> str:
 def gain_words(gain: Gain) -> str:
     """'the error of free runs of 2 s over data held out fell from 0.22 to 0.021 rad/s (noise 0.02)'."""
     before, after = short(gain.held_out_rmse_before, 3), short(gain.held_out_rmse_after, 3)
-    verb = "fell" if gain.held_out_rmse_after < gain.held_out_rmse_before else "went"
+    verb = "fell" if gain.held_out_rmse_after < gain.held_out_rmse_before else "rose"
     noise = f"; the sensor's own noise is {short(gain.noise_floor, 2)}" if math.isfinite(gain.noise_floor) else ""
     what = f"free runs of {gain.segment:g} s" if gain.of == "motion" else "the torque that the motion requires"
     return (f"the error of {what} over data held out {verb} from {before} to {after} "

@@ -46,7 +46,7 @@ def print_estimate(file: shapes.ParameterFile, console: Console) -> None:
         console.print(Text(f"  {line}"))
     if file.starts is not None and file.starts.tried > 1:
         count = file.starts.agreed or "none"
-        console.print(Text(f"  {count} of {file.starts.tried} starts ended at these values"))
+        console.print(Text(f"  {count} of {file.starts.tried} starts converged to these values"))
 
 
 def _interval_scope(file: shapes.ParameterFile) -> str:
@@ -54,9 +54,9 @@ def _interval_scope(file: shapes.ParameterFile) -> str:
     if file.step not in ("greybox", "backlash") or all(p.std is None for p in file.parameters.values()):
         return ""
     if len(file.data) == 1:
-        return "+- within this record; how the machine repeats on another day is not in it"
+        return "+- within this record; it excludes the variation between recordings"
     if any(p.repeatability is not msgspec.UNSET for p in file.parameters.values()):
-        return f"+- of the machine, by {len(file.data)} recordings; repeat: scatter from one to another (std)"
+        return f"+- includes the variation between {len(file.data)} recordings; repeat: its standard deviation"
     return f"+- within these {len(file.data)} recordings"
 
 
@@ -132,7 +132,7 @@ def check_table(checks: Sequence[shapes.CheckSection]) -> Table:
     for title in ("simulation fit %", "one-step fit %", f"rmse {checks[0].unit}", "largest corr.",
                   "lags out %"):
         table.add_column(title, justify="right", min_width=max(map(len, title.split())))
-    table.add_column("bars", no_wrap=True, min_width=6)
+    table.add_column("limits", no_wrap=True, min_width=6)
     for check in checks:
         cells = (models[check.model], files[check.file], short(check.simulation_fit_percent),
                  short(check.one_step_fit_percent), short(check.rmse), short(check.max_correlation, 2),
@@ -145,12 +145,12 @@ def check_table(checks: Sequence[shapes.CheckSection]) -> Table:
 def torque_table(checks: Sequence[shapes.CheckSection]) -> Table:
     """The same for the required torque, which has neither one-step predictions nor a start state."""
     table = Table(box=SIMPLE_HEAD, pad_edge=False, padding=0, show_edge=False,
-                  title=Text("torque that the motion asks for"), title_justify="left")
+                  title=Text("required torque (inverse dynamics)"), title_justify="left")
     for title in ("model", "record"):
         table.add_column(title, overflow="fold")
     for title in ("torque fit %", f"rmse {checks[0].unit}", "rmse over rms %"):
         table.add_column(title, justify="right", min_width=len(title))
-    table.add_column("bars", no_wrap=True, min_width=6)
+    table.add_column("limits", no_wrap=True, min_width=6)
     models, files = _model_and_record_labels(checks)
     for check in checks:
         cells = (models[check.model], files[check.file], short(check.simulation_fit_percent), short(check.rmse),
@@ -163,15 +163,15 @@ def coast_down_table(checks: Sequence[shapes.CheckSection]) -> Table:
     """The angle of coast-downs in counts, or their speed over its range and over its mean."""
     first, speeds = checks[0], checks[0].output == "motor_speed"
     table = Table(box=SIMPLE_HEAD, pad_edge=False, padding=0, show_edge=False,
-                  title=Text(f"run-downs: {first.output}"), title_justify="left")
+                  title=Text(f"coast-downs: {first.output}"), title_justify="left")
     for title in ("model", "record"):
         table.add_column(title, overflow="fold")
     turns = speeds and first.unit == "rad/s"
     titles = ["rmse rpm"] * turns + ["NRMSE range %", "NRMSE mean %", "R2"] if speeds else [
         "count /sqrt(12)", "fit %"]
-    for title in (f"rmse {first.unit}", "sensor alone", *titles):
+    for title in (f"rmse {first.unit}", "sensor noise", *titles):
         table.add_column(title, justify="right", min_width=max(map(len, title.split())))
-    table.add_column("bars", no_wrap=True, min_width=6)
+    table.add_column("limits", no_wrap=True, min_width=6)
     models, files = _model_and_record_labels(checks)
     for c in checks:
         figures = [short(c.rmse, 3), short(_or_none(c.sensor_rmse), 3)]

@@ -294,10 +294,11 @@ def _with_records(drive: Drive, source: ParameterSource) -> Drive:
     records = {entry.file: entry.sha256.lower() for entry in entries}
     for entry in entries:
         if not re.fullmatch(r"[0-9a-f]{64}", entry.sha256.lower()):
-            raise BadParameters(f"the sha256 of {entry.file} at records, 64 hexadecimal digits",
+            raise BadParameters(f"the sha256 of {entry.file} in the section records, 64 hexadecimal digits",
                                 f"'{entry.sha256}' in {source.name}", "Copy it from `drivetool inspect`.")
     if len(records) < len(entries) or len(set(records.values())) < len(records):
-        raise BadParameters("every recording once at records", f"one twice in {source.name}", "Delete one of them.")
+        raise BadParameters("every recording once in the section records", f"one twice in {source.name}",
+                            "Delete one of them.")
     names = {sha: name for name, sha in records.items()}
     renamed = {old: names.get(sha, "" if old in records else old) for old, sha in drive.records.items()}
     values = {}

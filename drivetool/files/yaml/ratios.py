@@ -58,7 +58,7 @@ def coast_down_model(source: ParameterSource, drive: Drive, known: Covariance | 
             # In another unit the covariance does not apply.
             model_names |= {ratio_name(name): name} if factor == 1.0 else {}
         elif RECORD_MARK in name:
-            raise BadParameters(f"a known inertia beside {name}", f"ratios alone in {source.name}",
+            raise BadParameters(f"a known inertia in addition to {name}", f"only ratios in {source.name}",
                                 "Fit the coast-down with a known scale, or leave it out.")
     with file_named_in_errors(source.name):
         return CoastDownModel(source.name, own.with_values(values), True, encoder,

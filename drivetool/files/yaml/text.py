@@ -81,7 +81,7 @@ def to_plain(value: Any) -> Any:
         return _rounded(float(value)) if math.isfinite(value) else None
     if hasattr(value, "tolist"):  # NumPy arrays and scalars, without importing NumPy
         return to_plain(value.tolist())
-    raise TypeError(f"{type(value).__name__} has no place in a file; give numbers, text, lists or mappings")
+    raise TypeError(f"{type(value).__name__} cannot be written to a file; give numbers, text, lists or mappings")
 
 
 def counted_noun(n: int, noun: str) -> str:
@@ -120,7 +120,7 @@ def from_yaml(data: bytes | str, name: str) -> dict[Any, Any]:
     except UnicodeDecodeError:
         raise BadParameters(
             wanted, f"bytes in {name} that are not UTF-8 text",
-            "Check that the right file was given, a log goes without --params.") from None
+            "Check the file; give a log without --params.") from None
     except (yaml.YAMLError, ValueError, RecursionError) as error:
         mark = getattr(error, "problem_mark", None)
         place = f"line {mark.line + 1} of " if mark else ""
@@ -129,7 +129,7 @@ def from_yaml(data: bytes | str, name: str) -> dict[Any, Any]:
                             "Correct the line; indent with spaces, not tabs.") from None
     if value is None:
         raise BadParameters(
-            wanted, f"{name} empty", "Check that the right file was given; what writes it may have failed.")
+            wanted, f"{name} empty", "Check the file; the program that wrote it may have failed.")
     if not isinstance(value, dict):
         raise BadParameters(wanted, f"a {_type_word(value)} in {name}",
                             "Check that the right file was given.")

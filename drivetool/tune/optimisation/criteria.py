@@ -55,7 +55,7 @@ def criterion(name: str, weights: Mapping[str, float] | None = None) -> Criterio
     weights = {"load_speed": 1.0} | dict(weights or {})
     wrong = [f"{k}={v:g}" for k, v in weights.items() if not 0.0 <= v < np.inf]
     if wrong or not any(weights.values()):
-        raise BadOption("weights of zero or more, one of them above", ", ".join(wrong) or "only zeros",
+        raise BadOption("non-negative weights, at least one of them positive", ", ".join(wrong) or "only zeros",
                         "Correct --weight.")
     return Criterion(name.upper(), {k: v for k, v in weights.items() if v > 0.0})
 

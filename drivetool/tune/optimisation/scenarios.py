@@ -87,7 +87,7 @@ def draw_drives(drive: Drive, covariance: Covariance, count: int, seed: int) -> 
         except BadParameters:
             unphysical += 1
     if not drives:
-        raise BadParameters("a covariance that leaves some draws physical", f"{count} draws, none of them",
+        raise BadParameters("a covariance with at least one physical draw", f"{count} draws, none of them physical",
                             "The parameters are too uncertain for a robust design; identify them better.")
     return Draws(tuple(drives), unphysical, covariance.names)
 

@@ -340,4 +340,4 @@ def check_gain_is_limited(task: TuningProblem) -> None:
     if lag_time(task.loop.drive, task.loop.wiring) == 0.0:
         raise BadParameters(
             "a converter bandwidth or dead time, or a speed filter", "none of them",
-            "Without one any gain would be stable. Give --converter BANDWIDTH,DAMPING,DEAD_TIME.")
+            "Without a lag every gain is stable. Give --converter BANDWIDTH,DAMPING,DEAD_TIME.")

@@ -97,7 +97,7 @@ def _simulate_signals(loop: Loop, settings: Settings, inputs: np.ndarray, start:
     else:
         torque = states @ loop.outputs([f"{motor}_torque"], *one)[0, 0] + loop.direct * settings.gain * inputs[:, 0]
     if not all(np.isfinite(states[-1])):
-        raise BadRecording("a loop that stays finite", "an unstable one with these gains",
+        raise BadRecording("a stable loop", "an unstable one with these gains",
                            "Check that the gains belong to this drive.")
     n = len(loop.drive.bodies)
     return {"motor_speed": states @ loop.rows["logged_speed"], "load_speed": states[:, n - 1],

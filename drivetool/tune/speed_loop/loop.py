@@ -154,7 +154,7 @@ def check_wiring(drive: Drive, wiring: Wiring) -> None:
             "Name them with --motors.", drive.bodies)
     if len(wiring.motors) > 2 or len(set(wiring.motors)) != len(wiring.motors):
         raise BadParameters("one or two different driven bodies", ", ".join(wiring.motors),
-                            "Longer tandems are not tuned.")
+                            "Drives with more than two motors are not supported.")
     two = len(wiring.motors) == 2
     if wiring.configuration != "siso" and not (two and len(drive.bodies) > 2):
         raise BadParameters(
@@ -281,7 +281,7 @@ def torque_path(drive: Drive, wiring: Wiring) -> StateSpace:
     if wiring.dead_time == "exact":
         return _in_series(_pade_states(dead_time), own_lag.states())
     if dead_time and not np.isfinite(own_lag.bandwidth):
-        raise BadParameters("a converter bandwidth for the printed dead time", "none",
+        raise BadParameters("a converter bandwidth for --dead-time zero", "none",
                             "Give converter.bandwidth, or use --dead-time exact.")
     return own_lag.states(-dead_time / 2.0)
 

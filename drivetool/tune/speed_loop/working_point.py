@@ -26,13 +26,13 @@ TANGENT_LAWS: Mapping[str, str] = MappingProxyType({  # code -> its law
     "stribeck": "stribeck", "breakaway": "breakaway", "asymmetric-friction": "asymmetry", "quadratic-drag": "drag",
     "hardening-stiffness": "hardening", "load-dependent-damping": "load-damping"})
 SIMULATED_EFFECTS: Mapping[str, str] = MappingProxyType({
-    "coulomb": "constant while a body moves; the simulation has it",
-    "idle-torque": "constant; the simulation has it",
-    "backlash": "the contact is closed; the simulation and the softened shaft have the gap"})
+    "coulomb": "constant for one direction of motion; only the simulation includes it",
+    "idle-torque": "constant; only the simulation includes it",
+    "backlash": "the linear loop assumes contact; the simulation and the describing function include the gap"})
 LEFT_OUT_EFFECTS: Mapping[str, str] = MappingProxyType({
     "torque-constant": "makes a torque of a logged current or voltage; the loop is in torques",
     "induction-motor": "makes a torque of the supply's voltages; the loop is in torques",
-    "torque-hold": "says how the torque was logged between two samples",
+    "torque-hold": "states how the torque was logged between two samples",
     "friction-drift": "fades while the drive warms up; the loop is that of the warm drive",
     "warm-up": "fades while the drive warms up; the loop is that of the warm drive",
     "torque-ripple": "a disturbance that repeats with the angle",
@@ -72,7 +72,7 @@ def check_known_effects(drive: Drive) -> None:
     known = {*LINEAR_EFFECTS, *TANGENT_LAWS, *SIMULATED_EFFECTS, *LEFT_OUT_EFFECTS}
     unknown = [name for code, names in acting_effects(drive).items() if code not in known for name in names]
     if unknown:
-        raise BadParameters("parameters that a speed loop can have", ", ".join(unknown),
+        raise BadParameters("parameters that the speed loop can include", ", ".join(unknown),
                             "Delete them, or set them to their neutral value with --set.")
 
 
@@ -159,7 +159,7 @@ def _twist_under_torque(law: Law, stiffness: float, torque: float, shaft: str) -
         end = reach * (-stiffness / (extra * (1.0 + power))) ** (1.0 / power)
         if stiffness * end + _torque_and_slope(law, end)[0] <= abs(torque):
             raise BadParameters(
-                f"a {shaft}.hardening with which the shaft carries {abs(torque):.3g} of friction",
+                f"a {shaft}.hardening that gives an equilibrium under {abs(torque):.3g} of friction",
                 "a shaft that softens too much", f"Set {shaft}.hardening=0 and the stiffness under load.")
     size = brentq(lambda z: stiffness * z + _torque_and_slope(law, z)[0] - abs(torque), 0.0, end) if torque else 0.0
     return float(np.copysign(size, torque))
