@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+from collections.abc import Callable
 from decimal import Decimal
 
 import yaml
@@ -45,9 +46,16 @@ def _same_number(old: str, new: str) -> bool:
     return before == after and before.is_signed() == after.is_signed()
 
 
-def same_blocks(old: list[Block], new: list[Block], masks: Masks) -> bool:
-    """Whether every block differs at most by what its kind may, and by the masks."""
-    return len(old) == len(new) and all(_same_block(*pair, masks) for pair in zip(old, new, strict=True))
+def same_blocks(old: list[Block], new: list[Block], masks: Masks,
+                by_value: Callable[[str, str, Masks], bool] | None = None) -> bool:
+    """Whether every block differs at most by what its kind may, and by the masks.
+
+    by_value  whether the masks change the value of a paragraph from the one text into the other
+    """
+    return len(old) == len(new) and all(
+        _same_block(*pair, masks) or (by_value is not None and pair[0][1] == PARAGRAPH
+                                      and by_value(pair[0][0], pair[1][0], masks))
+        for pair in zip(old, new, strict=True))
 
 
 def _same_block(old: Block, new: Block, masks: Masks) -> bool:

@@ -207,6 +207,20 @@ def test_lines_break_elsewhere_only_around_what_was_replaced(tmp_path):
         assert (compared(sides[1], tmp_path, sides[0], known) == []) is same, new
 
 
+def test_quotes_and_keys_of_tasks_may_change_only_with_what_was_replaced(tmp_path):
+    known = masks.Masks(renamed={"{1*} is a gap: it": "{1*} is a gap and"})
+    before, after = b"text: 'One is a gap: it opens'\nend: 1.0\n", b"text: One is a gap and opens\nend: 1.0\n"
+    for old, new, same in ((before, after, True), (after, b"text: 'One is a gap and opens'\nend: 1.0\n", False),
+                           (before, after.replace(b"1.0", b"'1.0'"), False)):
+        assert (compared(result({"fit.yaml": new}), tmp_path, result({"fit.yaml": old}), known) == []) is same
+    line = b'{"schema":"manifest/1"}\n{"output":"b.yaml","key":"%s"}\n'
+    hidden = masks.Masks(renamed={"gap": "play"})
+    for text, same in ((b"a gap", False), (b"a play", True)):
+        sides = [result({"a.txt": each, "manifest.jsonl": line % key}, stdout=b"")
+                 for each, key in ((b"a gap", b"a" * 64), (text, b"b" * 64))]
+        assert (compared(sides[1], tmp_path, sides[0], hidden if same else None) == []) is same
+
+
 def test_a_rename_that_was_not_carried_out_is_found(tmp_path):
     files = {"fit.yaml": YAML, "codes.parquet": table(["gap-seen", "", ""])}
     known = masks.Masks(renamed={"gap-seen": "backlash-is-seen"})

@@ -6,6 +6,7 @@ import hashlib
 import io
 import json
 import re
+import textwrap
 from base64 import b64decode
 from collections.abc import Iterator, Mapping
 
@@ -49,15 +50,15 @@ def texts(name: str, old: str, new: str, masks: Masks) -> list[str]:
     before, after = (EMBEDDED.sub(_pixels, without_costs(name, text, masks)) for text in (masked, new))
     if before == after:
         return []
-    trees, count = _trees(name, before, after), masks.used["number"]
+    trees, count = _trees(name, old, new), masks.used["number"]
     if trees is not None:
-        found = list(_unequal(*trees, masks))
+        found = list(_unequal(_masked(trees[0], masks.uncounted()), trees[1], masks))
         if found:
             return first(found, SHOWN)
     elif name != STDOUT:
         return lines(before, after)
     blocks = documented if trees is not None else printed
-    if same_blocks(blocks(old), blocks(new), masks.uncounted()):
+    if same_blocks(blocks(old), blocks(new), masks.uncounted(), None if trees is None else _same_scalars):
         masks.used["number"] += trees is None
         return []
     masks.used["number"] = count
@@ -83,6 +84,28 @@ def _trees(name: str, *texts: str) -> tuple[object, object] | None:
     except (ValueError, yaml.YAMLError):
         return None
     return found if all(isinstance(each, dict | list) for each in found) else None
+
+
+def _masked(tree: object, masks: Masks) -> object:
+    """A tree of BASE as it is expected now."""
+    if isinstance(tree, dict):
+        # A code that is a plain word is masked where a code stands.
+        return {masks.apply(key): masks.apply(f"code: {value}").removeprefix("code: ")
+                if key == "code" and isinstance(value, str) else _masked(value, masks)
+                for key, value in tree.items()}
+    if isinstance(tree, list):
+        return [_masked(each, masks) for each in tree]
+    return masks.apply(tree) if isinstance(tree, str) else tree
+
+
+def _same_scalars(old: str, new: str, masks: Masks) -> bool:
+    """Whether a mask changed a scalar, and no more: another text may need other quotes."""
+    try:
+        before, after = (yaml.load(textwrap.dedent(text), Loader=Loader) for text in (old, new))
+    except yaml.YAMLError:
+        return False
+    expected = _masked(before, masks)
+    return expected == after and expected != before
 
 
 def _unequal(old: object, new: object, masks: Masks, path: str = "") -> Iterator[str]:
