@@ -156,10 +156,8 @@ CODES = {
         "Leave it out, or change the order."),
     "nonlinear-distortion": Code(
         NOTE_OR_WARNING,
-        "The records are not those of one linear drive. The output has power on even or odd spectral lines that "
-        "are not excited; it is a warning above -40 dB relative to the signal. Or the frequency response varies "
-        "between runs by more than four times the noise variance. Or the first anti-resonance differs between "
-        "records by more than 4 standard deviations.",
+        "The drive is not linear: the output has power on even or odd spectral lines that are not excited. It is a "
+        "warning above -40 dB relative to the signal.",
         "Even lines point to friction that depends on the direction, or a gap loaded on one side; odd lines to "
         "Coulomb friction or backlash. Compare amplitudes; the linear model holds at one only."),
     "not-converged": Code(
@@ -179,9 +177,11 @@ CODES = {
         WARNING,
         "In `compare` a parameter differs by more than its uncertainty explains: between two records or two "
         "machines at the 5 % level over all parameters and pairs. Between the two sides of `--swap` the level is "
-        "3 joint standard deviations, or a chi-square test at 0.27 %. With one record each, a difference between "
+        "3 joint standard deviations, or a chi-square test at 0.27 %; for the first anti-resonance of two records, "
+        "4 standard deviations. With one record each, a difference between "
         "machines cannot be separated from one between days.",
-        "Record each machine several times, at different times; look for wear, lubrication or another load. "
+        "Record each machine several times, at different times; look for wear, lubrication or another load. A lower "
+        "anti-resonance at a lower amplitude points to backlash. "
         "Between two sides check sign, scale and clock of the torque channels, and run `diagnose` on both "
         "recordings."),
     "records-scatter": Code(

@@ -57,10 +57,11 @@ CODES = {
         "part of it is not known, so the stated mass or inertia contains that part, and has no interval.",
         "Give the inertia with `--set`, or fit this recording together with one in which the load is clamped."),
     "scatter-beyond-noise": Code(
-        WARNING,
+        NOTE_OR_WARNING,
         "Steady points scatter about the friction line more than their noise explains (chi-square test at 1 %), "
         "or several coast-downs of one drive have different ratios of friction to inertia. The intervals are "
-        "widened, or are intervals of the mean over such recordings.",
+        "widened, or are intervals of the mean over such recordings. It is a note where a frequency response "
+        "varies over the runs by more than four times the noise variance.",
         "Look at the picture: a bend is nonlinear friction, scatter at one speed is a load that changes. Record "
         "when the temperature has settled; check the added or the held inertia."),
     "single-speed": Code(

@@ -230,7 +230,7 @@ def test_distortion_shows_in_the_variance_over_runs(cube):
     for k in range(6):
         u = np.tile(multisine(500, np.arange(1, 100), 20 + k) / 7.0, 5)
         runs.append((u, u + cube * u**3 + 1e-3 * np.random.default_rng(k).standard_normal(len(u))))
-    assert ("nonlinear-distortion" in severity_by_code(*runs)) == (cube > 0.0)
+    assert ("scatter-beyond-noise" in severity_by_code(*runs)) == (cube > 0.0)
 
 
 @pytest.mark.parametrize(("noise", "low"), [(0.01, False), (1.0, True)])

@@ -107,9 +107,8 @@ def _distortion_findings(s: Spectrum) -> list[Finding]:
         1e-300)) > 4:
         ratio = float(np.median(total[known] / np.maximum(noise[known], 1e-300)))
         found.append(Finding(
-            "note", "nonlinear-distortion", f"Over the runs the response varies {np.sqrt(ratio):.1f} times more "
-                "than "
-            "noise explains: the drive is not linear, or changes between runs.", {"variance_ratio": ratio},
+            "note", "scatter-beyond-noise", f"Over the runs the response varies {np.sqrt(ratio):.1f} times more "
+            "than noise explains: the drive is not linear, or changes between runs.", {"variance_ratio": ratio},
             "Weight the fit with the total variance; compare amplitudes."))
     return found
 

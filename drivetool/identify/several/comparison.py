@@ -306,7 +306,7 @@ def _moving_notch_findings(structure: str, models: Sequence[FittedStructure]) ->
     if shift < 4.0 * std or shift < 0.003 * known[high][0]:
         return []
     return [Finding(
-        "warning", "nonlinear-distortion",
+        "warning", "parameters-differ",
         f"{structure}: the first anti-resonance is {known[low][0]:.4g} rad/s on {low} and "
         f"{known[high][0]:.4g} on {high}, {shift / std:.0f} standard deviations apart. No single linear model "
         "describes both records.", {"low": known[low][0], "high": known[high][0], "std": std},
