@@ -24,6 +24,7 @@ from drivetool.identify.backlash import backlash
 from drivetool.identify.estimate import Estimate
 from drivetool.identify.noise import Noise, filtered, fit_innovations, fit_ratio, minus_log_likelihood
 from drivetool.identify.setup import Options, Roles, Task, first_point
+from drivetool.identify.shaft_torque.gap_laws import MIN_LAW_LEAD
 from tests.light_rigs import STEP, Sensors, channels, rig_of
 from tests.simulator import experiments
 from tests.simulator.machine import Machine, running
@@ -82,9 +83,11 @@ def main(rigs: int = RIGS, shift: int = 0, share: float = 1.0) -> None:
         estimate, lead = fitted(machine, seed), worth(machine, seed)
         lines = {p.name: p for p in estimate.parameters}
         told = {f.code: f for f in estimate.findings}
-        named = estimate.drive.damping_law if "gap-law" in told else "-"
+        stated = told.get("gap-law")
+        decided = stated is not None and stated.evidence.get("log_likelihood_lead", 0.0) > MIN_LAW_LEAD
+        named = estimate.drive.damping_law if decided else "-"
         kind = "plain" if lead > PLAIN else "hidden" if abs(lead) < HIDDEN else "between"
-        said = "undetermined" if "gap-law" in told else "nothing"
+        said = "nothing" if stated is None else "undetermined"
         counts[kind][said if named == "-" else "right" if named == machine.law else "wrong"] += 1
         cells = []
         for name, true in (("shaft.half_gap", machine.half_gap[0]), ("shaft.damping", machine.damping[0])):

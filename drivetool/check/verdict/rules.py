@@ -129,7 +129,7 @@ def undetermined_judgement(*uncertain: str, doubt: str = "") -> Callable[[Facts]
     return lambda f: Judgement("undetermined", certain_causes(f, uncertain), (*uncertain, UNLISTED), doubt)
 
 
-EVIDENCE = "Records whose cause was left out of the catalogue, docs/evidence/diagnosis.md."
+EVIDENCE = "Records whose cause was left out of the catalogue: part `removed` of `tests/study/study_diagnose.py`."
 WHITENESS = "Whiteness of one-step prediction errors: Ljung 1999, section 16.6."
 HELD_OUT = "Validation on held-out data: Ljung 1999, chapter 16."
 E_VALUE = "Wasserman, Ramdas, Balakrishnan 2020: the likelihood ratio on held-out data is an e-value."
