@@ -177,8 +177,8 @@ CODES = {
         WARNING,
         "In `compare` a parameter differs by more than its uncertainty explains: between two records or two "
         "machines at the 5 % level over all parameters and pairs. Between the two sides of `--swap` the level is "
-        "3 joint standard deviations, or a chi-square test at 0.27 %; for the first anti-resonance of two records, "
-        "4 standard deviations. With one record each, a difference between "
+        "3 joint standard deviations, or a chi-square test at 0.27 %; for the first anti-resonance of two records "
+        "it is 4 standard deviations. With one record each, a difference between "
         "machines cannot be separated from one between days.",
         "Record each machine several times, at different times; look for wear, lubrication or another load. A lower "
         "anti-resonance at a lower amplitude points to backlash. "
