@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 
 ELECTRIC_UNITS = ("A", "V", "%")  # units in which a motor's input may be logged; its torque constant converts it
+RPM_PER_RAD_S = 30.0 / math.pi  # 60 s/min over 2 pi rad per revolution
 
 # A chain is the same for Nm and rad, N and m, or A and rad; units follow from these two.
 _SPELLING = {

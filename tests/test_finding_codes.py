@@ -78,6 +78,7 @@ def test_every_finding_has_registered_codes_and_plain_severities():
 
 def test_every_registered_code_is_raised_with_the_severities_that_it_states():
     """What no call raises is taken out of drivetool/finding_codes."""
+    assert set(CODES) == {code for _, _, codes in CALLS for code in codes}
     for code, entry in CODES.items():
         raised = set().union(*(s for _, s, codes in CALLS if code in codes))
         # All verdicts of a diagnosis are raised by one call; each has one of its severities.
@@ -106,6 +107,7 @@ def test_a_code_stands_in_one_table():
 
 def test_entries_are_a_code_in_lower_case_and_plain_sentences():
     """Of at most 30 words; the mildest severity first."""
+    assert {s for entry in CODES.values() for s in entry.severities} == set(SEVERITIES)
     for code, entry in CODES.items():
         assert re.fullmatch("[a-z]+(-[a-z]+)*", code), code
         assert entry.severities == tuple(s for s in SEVERITIES if s in entry.severities) != (), code

@@ -180,10 +180,9 @@ CODES = {
         "3 joint standard deviations, or a chi-square test at 0.27 %; for the first anti-resonance of two records "
         "it is 4 standard deviations. With one record each, a difference between "
         "machines cannot be separated from one between days.",
-        "Record each machine several times, at different times; look for wear, lubrication or another load. A lower "
-        "anti-resonance at a lower amplitude points to backlash. "
-        "Between two sides check sign, scale and clock of the torque channels, and run `diagnose` on both "
-        "recordings."),
+        "Record each machine several times, at different times; look for wear, lubrication or another load. A "
+        "lower anti-resonance at a lower amplitude points to backlash. Between two sides check sign, scale and "
+        "clock of the torque channels, and run `diagnose` on both recordings."),
     "records-scatter": Code(
         NOTE,
         "A parameter varies from recording to recording by more than the noise within them explains, at the 1 % "

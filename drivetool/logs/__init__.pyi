@@ -16,6 +16,7 @@ from .grid import (
     BRIDGE_STEPS as BRIDGE_STEPS,
     GAP_STEPS as GAP_STEPS,
     JITTER_TOLERANCE as JITTER_TOLERANCE,
+    MIN_SAMPLES as MIN_SAMPLES,
     STEP_TOLERANCE as STEP_TOLERANCE,
     Grid as Grid,
     fit_grid as fit_grid,

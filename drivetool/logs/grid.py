@@ -18,6 +18,9 @@ JITTER_TOLERANCE = 0.05
 STEP_TOLERANCE = 0.1
 # Intervals of more steps are damage; larger ones would overflow as whole numbers.
 MAX_INTERVAL_STEPS = 1e12
+# Samples of an experiment, of what a conditioning step leaves, and of a part at one rate. A choice: fewer identify
+# no parameter of a drive.
+MIN_SAMPLES = 50
 
 
 @dataclass(frozen=True)

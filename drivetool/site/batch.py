@@ -27,6 +27,7 @@ from drivetool.site.results import (
     summary_rows,
 )
 from drivetool.site.site_run import SiteOutcome, run_site
+from drivetool.site.trends import DEFAULT_ALARM_RATIO
 from drivetool.site.verdicts import Case, evaluate_bars, index_page, junit, markdown
 
 # Ten times what a fit of a usual recording takes; a fit that needs more mostly has a wrong recording as input.
@@ -117,7 +118,7 @@ def _trend_files(outcome: SiteOutcome, cases: Sequence[Case], out: Path,
                  say: Callable[[str], None]) -> dict[str, str | bytes]:
     """The trends file and the page, from the summary as written. Changes are printed."""
     from drivetool.files.results import dump
-    from drivetool.site.trends import DEFAULT_ALARM_RATIO, trends_file, trends_of
+    from drivetool.site.trends import trends_file, trends_of
 
     findings, found_trends = trends_of(read_summary(out / SUMMARY_PARQUET))
     changes = [finding for finding in findings if finding.severity != "note"]

@@ -70,6 +70,7 @@ def test_the_inertia_of_ratios_is_of_no_account(fitted):
     other = replace(fitted, drive=fitted.drive.with_values(
         {n: 1e-4 * fitted.drive.values[n] for n in ("motor.inertia", "motor.viscous", "motor.coulomb")}))
     one, another = (validated(at(50), m).checks for m in (fitted, other))
+    assert [check.output for check in one] == ["motor_angle", "motor_speed"]
     for a, b in zip(one, another, strict=True):
         assert a.rmse == pytest.approx(b.rmse, rel=1e-6)
 

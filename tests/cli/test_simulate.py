@@ -178,6 +178,7 @@ def test_effects_are_listed_with_all_they_say(call, monkeypatch):
 
 def test_every_cause_points_to_what_there_is():
     codes = {effect.code: effect for effect in EFFECTS}
+    assert {cause.effect for cause in CAUSES.values()} >= {None, "backlash", "coulomb", "stribeck"}
     for code, cause in CAUSES.items():
         assert cause.text.endswith(".") and cause.look.endswith(".") and cause.name[0].islower(), code
         if cause.effect is None:

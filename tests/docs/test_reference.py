@@ -6,7 +6,7 @@ import re
 import pytest
 
 from drivetool.cli.command_line import COMMANDS
-from drivetool.finding_codes import CODES
+from drivetool.finding_codes import CODES, RENAMED
 from drivetool.logs import ROLES
 from drivetool.logs.roles import NAMED_ROLES
 from tests.places import ROOT
@@ -38,8 +38,10 @@ def test_no_page_is_left_over():
 
 
 def test_every_command_finding_and_role_has_its_place():
-    assert all(f"(finding-{code})=" in PAGES["findings.md"] for code in CODES)
-    assert all(f"(command-{name})=" in PAGES["commands.md"] for name in COMMANDS)
+    labels = [set(re.findall(rf"^\({kind}-(.*)\)=$", PAGES[page], re.MULTILINE))
+              for kind, page in (("finding", "findings.md"), ("command", "commands.md"))]
+    assert labels == [{*CODES, *RENAMED}, set(COMMANDS)]
+    assert {"motor_torque", "motor_speed"} <= set(ROLES) and NAMED_ROLES
     assert all(f"`{role}`" in PAGES["roles.md"] for role in ROLES)
     assert all(f"_{what}`" in PAGES["roles.md"] for what in NAMED_ROLES)
 

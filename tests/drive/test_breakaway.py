@@ -54,6 +54,7 @@ def test_its_derivatives_are_differences(speed):
     problem, values = problem_for(motor, np.zeros(40_000))
     trace, start = problem.traces[0], np.array([2000 * RPM, 0.0])
     rows = problem.plants(values, True)[0].jacobian(trace, start)[1][:, 0]
+    assert len(values) == len(FREE) and len(rows) == 40_000
     for i, value in enumerate(values):
         step = np.eye(3)[i] * 1e-4 * value
         up, down = (problem.plants(values + s * step, False)[0].outputs(trace, start)[:, 0] for s in (1.0, -1.0))

@@ -117,7 +117,9 @@ def test_neutral_value_changes_nothing(effect, law):
 def test_an_effect_that_is_present_acts(effect):
     """A value that differs from the present one changes the simulation."""
     drive = base(**{"load.idle_torque": 3.0, **SMOOTH.get(effect.code, {})})
-    for name in SMOOTH.get(effect.code) or [f"{OWNER[effect.of]}.{s}" for s in effect.quantities]:
+    names = SMOOTH.get(effect.code) or [f"{OWNER[effect.of]}.{s}" for s in effect.quantities]
+    assert names
+    for name in names:
         now, choice = drive.value(name), drive.quantity(name).choice
         other = replace(drive, values=drive.values | {name: next((v for v in choice if v != now), 1.5 * now)})
         assert np.abs(run(other, reversals()) - run(drive, reversals())).max() > 1e-6, name

@@ -196,4 +196,5 @@ def test_a_body_that_sticks_is_known_to_stand():
     plant = plant_of(drive_of(machine), ("motor_speed",))
     trace = Trace(np.zeros((100, 1)), np.random.default_rng(1).standard_normal((100, 1)) * 1e-3, STEP)
     found = plant.filter(trace, start_of(machine, plant), np.array([1.0]), 4.0, np.zeros(3))
+    assert len(found.gains.gain) == len(found.states) == 100
     assert np.all(found.gains.gain[:, 0, 0] == 0.0) and np.all(found.states[:, 0] == 0.0)

@@ -87,6 +87,7 @@ def test_sensitivities_are_the_derivatives(name):
     free = [n for n in values if not n.endswith("_twist")] + ["motor.inertia", "shaft.stiffness"]
     _, drive, plant, trace = runs_of(name, free)
     _, jacobian = plant.jacobian(trace, np.zeros(plant.nx))
+    assert len(free) > 2 and len(jacobian) == 3000
     for k, parameter in enumerate(free):
         size = 1e-6 * max(abs(drive.value(parameter)), 1e-3)
         sides = []

@@ -133,6 +133,7 @@ def test_any_number_of_free_parameters(count):
     layout = Layout(free, ("motor_torque",), ("motor_angle",), STEP, gradient=True)
     plant, trace = law_plant_of(drive, layout), Trace(levels(RIG, N, 2)[:, None], np.zeros((N, 1)), STEP)
     (_, jac), (_, wanted) = (each.jacobian(trace, np.zeros(plant.nx)) for each in (plant, with_general_laws(plant)))
+    assert len(free) == count <= jac.shape[2]
     for q in range(jac.shape[2]):
         close(jac[:, :, q], wanted[:, :, q])
 

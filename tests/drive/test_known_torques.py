@@ -58,6 +58,7 @@ def test_sensitivities_are_those_of_central_differences(drive, name):
                    name)
     plant = plant_of(drive, Layout(free, inputs, ("motor_speed",), STEP))
     _, found = plant.jacobian(trace(TORQUE, LAW), np.zeros(plant.nx))
+    assert found.shape[:2] == (len(TORQUE), 1)
     for column, parameter in enumerate(free):
         d = 1e-5 * drive.values[parameter]
         ends = [speeds(replace(drive, values={**drive.values, parameter: drive.values[parameter] + side}), inputs,

@@ -38,6 +38,7 @@ def result(torque):
 
 def test_every_name_reaches_its_own_law():
     given = {name: result(number) for number, name in enumerate(LAW_TORQUES)}
+    assert LAW_TORQUES["drag"] is drag.torque and len(given) > 5
     for name, torque in LAW_TORQUES.items():
         np.testing.assert_allclose(given[name], result(torque), rtol=1e-13, atol=0.0, err_msg=name)
     for one, other in combinations(given, 2):

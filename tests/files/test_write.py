@@ -120,7 +120,9 @@ def test_files_follow_their_schemas():
 
 
 def test_schemas_have_not_drifted():
-    for name, text in schema.schemas().items():
+    texts = schema.schemas()
+    assert set(texts) == {path.name for path in SCHEMAS.iterdir()}
+    for name, text in texts.items():
         assert (SCHEMAS / name).read_text() == text, f"run `make schemas`: {name} has drifted"
 
 

@@ -80,6 +80,7 @@ def test_the_bus_of_the_literature():
 def test_the_covariance_has_the_unit_of_the_mass():
     found = steady([ROLLING], KNOWN, METHOD)
     stds = dict(zip(found.covariance.names, np.sqrt(np.diag(found.covariance.matrix)), strict=True))
+    assert set(stds) == {"wheels.carried_mass", "total.viscous", "total.idle_torque"}
     for name, line in lines_of(found).items():
         assert stds[name] == pytest.approx(line.std, rel=1e-6), name
 

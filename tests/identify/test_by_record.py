@@ -79,6 +79,7 @@ def test_sensitivities_are_differences(base, more):
     roles = roles_of(records, drive)
     problem = problem_of(drive, free, roles, traces_of(records, roles))
     point = first_point(drive, problem, roles)
+    assert tuple(trace.name for trace in problem.traces) == NAMES
     for i, (trace, plant) in enumerate(zip(problem.traces, problem.plants(point.values, True), strict=True)):
         slopes = plant.jacobian(trace, point.starts[i])[1][:, 0, :len(free)]
         for j, name in enumerate(free):

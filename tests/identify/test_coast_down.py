@@ -86,9 +86,11 @@ def test_a_known_added_inertia_gives_the_scale():
     plain, loaded = run_down(1), run_down(2, replace(PAPER, inertia=PAPER.inertia + added))
     drive = replace(one_body(), records={loaded.name: loaded.sha256}).with_values(
         {f"motor.added_inertia@{loaded.name}": added})
-    for name, (value, std, _) in intervals_of(steady([plain, loaded], drive, COAST_DOWN), VALUES).items():
-        assert value == pytest.approx(VALUES[name], rel=5e-4)
-        assert abs(value - VALUES[name]) < 3.5 * std
+    found = intervals_of(steady([plain, loaded], drive, COAST_DOWN), VALUES)
+    for name, truth in VALUES.items():
+        value, std, _ = found[name]
+        assert value == pytest.approx(truth, rel=5e-4)
+        assert abs(value - truth) < 3.5 * std
 
 
 def test_an_unknown_added_inertia_is_a_ratio():
@@ -110,6 +112,7 @@ def test_what_is_held_gives_the_scale(name):
     drive = one_body().with_values({name: VALUES[name]})
     others = {n: v for n, v in VALUES.items() if n != name}
     found = intervals_of(steady([run_down(1)], drive, replace(COAST_DOWN, hold=(name,))), others)
+    assert len(found) == 2
     for other, (value, std, _) in found.items():
         assert abs(value - VALUES[other]) < 3.5 * std and std < 1e-4 * value
 
@@ -168,10 +171,10 @@ def test_to_standstill_and_backwards(pulses):
     angle = np.concatenate([angle, np.full(8000, angle[-1])])
     for sign in (1.0, -1.0):
         e = recording(1, motor_angle=counts(sign * angle, 5, pulses), motor_torque=np.zeros(len(angle)))
-        for value, std, _ in (found := intervals_of(steady([e], one_body(), Options()), RATIOS)).values():
-            assert std < 1e-4 * value
-        for name, (value, std, _) in found.items():
-            assert abs(value - RATIOS[name]) < 3.5 * std, (sign, name)
+        found = intervals_of(steady([e], one_body(), Options()), RATIOS)
+        for name, truth in RATIOS.items():
+            value, std, _ = found[name]
+            assert std < 1e-4 * value and abs(value - truth) < 3.5 * std, (sign, name)
 
 
 def test_both_directions_tell_the_idle_torque():
@@ -181,8 +184,10 @@ def test_both_directions_tell_the_idle_torque():
     both = [recording(k, f"{k}.parquet", motor_angle=counts(s * a, k)) for k, (s, a) in
             enumerate(zip((1.0, -1.0), angles, strict=True), 1)]
     ratios = RATIOS | {"idle_torque_over_inertia": idle / PAPER.inertia}
-    for name, (value, std, _) in intervals_of(steady(both, one_body(), COAST_DOWN), ratios).items():
-        assert abs(value - ratios[name]) < 3.5 * std, name
+    found = intervals_of(steady(both, one_body(), COAST_DOWN), ratios)
+    for name, truth in ratios.items():
+        value, std, _ = found[name]
+        assert abs(value - truth) < 3.5 * std, name
 
 
 def test_of_two_bodies_the_whole_runs_down():
@@ -202,8 +207,10 @@ def test_of_two_bodies_the_whole_runs_down():
 def test_a_speed_is_read_too(make):
     _, speed = motion(PAPER, lambda t: 0.0, 2000 * RPM, 80 * RPM, 5.0)
     e = recording(1, step=20 * STEP, motor_speed=make(speed, np.random.default_rng(2)))
-    for name, (value, std, _) in intervals_of(steady([e], one_body(), COAST_DOWN), RATIOS).items():
-        assert abs(value - RATIOS[name]) < max(3.5 * std, 1e-6 * value), name
+    found = intervals_of(steady([e], one_body(), COAST_DOWN), RATIOS)
+    for name, truth in RATIOS.items():
+        value, std, _ = found[name]
+        assert abs(value - truth) < max(3.5 * std, 1e-6 * value), name
 
 
 def test_an_encoder_that_errs_beyond_its_counts_is_said_and_widens_the_intervals():

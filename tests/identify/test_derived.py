@@ -87,8 +87,8 @@ def test_a_value_that_nobody_asked_to_be_held_and_has_no_interval_leaves_none():
 def test_friction_alone_has_no_resonance_with_an_interval():
     drive = drive_of(TABLE["light grey"])
     covariance = Covariance(("motor.viscous",), np.array([[1e-6]]))
-    assert all(p.std is None
-               for p in derived_figures_of(drive, lines_of(drive, **{"motor.viscous": 1e-3}), covariance))
+    found = derived_figures_of(drive, lines_of(drive, **{"motor.viscous": 1e-3}), covariance)
+    assert {"anti_resonance", "resonance"} <= {p.name for p in found} and all(p.std is None for p in found)
 
 
 def test_a_longer_chain_has_each_mode_and_a_stiff_one_none():
@@ -106,7 +106,9 @@ def test_a_gear_that_was_read_off_is_no_unknown():
     drive = drive_of(TABLE["light grey"]).with_values({"shaft.ratio": 8.79})
     covariance = Covariance(NAMES[:3], np.diag([1e-4, 1e-6, 1.0]))
     found = derived_figures_of(drive, lines_of(drive, **dict.fromkeys(NAMES[:3], 1.0)), covariance, NAMES)
-    assert all(p.std is not None for p in found if "damping" not in p.name)
+    frequencies = {p.name: p.std for p in found if "damping" not in p.name}
+    assert set(frequencies) == {"anti_resonance", "resonance", "total_inertia_at_motor"}
+    assert None not in frequencies.values()
 
 
 def test_friction_is_a_force_where_a_mass_is_carried():

@@ -54,6 +54,7 @@ def test_gradients_are_exact():
     model = HeldResponse(drive, names, "motor_speed", STEP, HZ)
     values = np.array([drive.value(n) for n in names])
     _, slopes = model.at(values)
+    assert slopes.shape == (len(HZ), len(names)) and {"converter.bandwidth", "converter.dead_time"} < set(names)
     for j, name in enumerate(names):
         d = 1e-5 * values[j] * np.eye(len(values))[j]
         numeric = (model.at(values + d, False)[0] - model.at(values - d, False)[0]) / (2 * d[j])

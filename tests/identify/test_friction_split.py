@@ -77,7 +77,9 @@ def test_however_a_sum_is_split_its_value_at_the_motor_is_the_same(ratio):
     drive = three_mass().with_values({**TRUE, "shaft2.ratio": ratio})
     record = recorded(100)
     for total, whole in (("total.viscous", 2.4), ("total.idle_torque", 3.5)):
-        for task, _ in tasks_with_parts(Task(drive, (total,), roles_of([record], drive), (record,)), total):
+        tasks = tasks_with_parts(Task(drive, (total,), roles_of([record], drive), (record,)), total)
+        assert [len(parts) for _, parts in tasks] == [3, 2]  # of all bodies, of the first and the last
+        for task, _ in tasks:
             assert task.drive.referred_to_motor(total.partition(".")[2]) == pytest.approx(whole, rel=1e-12)
 
 

@@ -9,7 +9,7 @@ from drivetool.identify.backlash.estimator import backlash
 from drivetool.identify.setup.options import Options
 from drivetool.identify.setup.setup import roles_of
 from drivetool.identify.setup.task import Task
-from drivetool.identify.shaft_torque.dead_stretches import crossings
+from drivetool.identify.shaft_torque.dead_stretches import CONTACT_TORQUE_SHARES, crossings
 from drivetool.identify.shaft_torque.gap_laws import MIN_LAW_LEAD, both_laws, gap_law_finding
 from tests.light_rigs import HEAVY, TABLE
 from tests.study.study_gap_laws import gap_record, truth_of
@@ -36,7 +36,9 @@ def task_of(machine, seed=5, roles=ROLES, **values):
 def test_dead_stretches_tell_gap_and_damping_without_a_simulation(name, law, damping):
     """Half gap within 1.5 %, the damping in the gap within 3 % of all, whatever damping the drive believes in."""
     machine = rig(name, law, damping)
-    for seen in crossings(task_of(machine, damping=40.0)):
+    found = crossings(task_of(machine, damping=40.0))
+    assert len(found) == len(CONTACT_TORQUE_SHARES)
+    for seen in found:
         assert seen.half_gap == pytest.approx(machine.half_gap[0], rel=0.015) and seen.count > 10
         assert seen.open == pytest.approx(damping if law == "always" else 0.0, abs=0.03 * damping + 0.02)
         assert abs(seen.half_gap - machine.half_gap[0]) < 3.0 * seen.spread
@@ -128,8 +130,10 @@ def test_the_law_is_named_where_the_motor_alone_is_measured(law, own):
 
 
 @pytest.mark.slow
-def test_a_held_damping_and_a_closed_gap_ask_for_no_law():
+def test_a_gap_without_damping_asks_for_no_law():
     task = task_of(rig("heavy", "inside", 2.01), 6, roles=ROLES[:2])
     drive = replace(task.drive, values=task.drive.values | {"shaft.half_gap": 0.1, "shaft.damping": 0.0})
     estimate = backlash(task.experiments, drive, Options())
-    assert not [f for f in estimate.findings if f.code.startswith("gap-law")]
+    gap, damping = ({p.name: p for p in estimate.parameters}[f"shaft.{n}"] for n in ("half_gap", "damping"))
+    assert gap.status == "fitted" and gap.value == pytest.approx(0.131, rel=0.01) and damping.value == 0.0
+    assert not [f for f in estimate.findings if f.code == "gap-law"]

@@ -61,6 +61,7 @@ def test_the_share_has_the_gradient_of_differences():
                                       "shaft2.stiffness": 1.0, "total.viscous": 0.7, "arm.carried_mass": 2.0})
     free = tuple(n for n in drive.values if not n.endswith("stiffness"))
     plain = Assembly(drive, Layout(free, ("motor_torque",), (), STEP))
+    assert {"shaft.ratio", "shaft2.ratio", "total.viscous", "arm.carried_mass"} < set(free)
     for k in range(3):
         for j, name in enumerate(free):
             d = 1e-6 * drive.values[name]

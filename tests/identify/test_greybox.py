@@ -258,7 +258,8 @@ def test_a_free_run_begins_at_its_first_guess_where_the_filter_runs_away():
     task = Task(drive, (), Roles(("motor_torque",), ("motor_speed",)), (record,))
     problem = task.problem(free=())
     _, point, runs = free_run(task, noise=Noise(1e153, None, problem.scale))
-    assert np.isfinite(point.starts[0]).all() and np.isfinite(runs[0]).all()
+    assert len(runs[0]) == record.size and np.isfinite(runs[0]).all()
+    assert point.starts[0].size and np.isfinite(point.starts[0]).all()
 
 
 def test_the_start_speed_of_a_body_without_mass_stays():

@@ -10,8 +10,8 @@ from drivetool.identify.fit.engine import by_innovations
 from drivetool.identify.greybox.estimator import greybox
 from drivetool.identify.laws.candidates import candidates_of
 from drivetool.identify.laws.explanation import _inertia_at_lower_bound
-from drivetool.identify.laws.held_out import HELD_OUT_SHARE, _part_of_record, held_out_errors
-from drivetool.identify.setup.options import Options
+from drivetool.identify.laws.held_out import _part_of_record, held_out_errors
+from drivetool.identify.setup.options import HELD_OUT_SHARE, Options
 from tests.identify.swing import TRUTH, record, swing, task_of
 from tests.recover import experiment
 from tests.study.coupled_axes.arm import STEP, draw

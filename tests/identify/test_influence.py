@@ -30,6 +30,7 @@ def test_the_covariance_is_that_of_the_information_matrix(situation, refit):
 def test_the_shares_of_an_arrived_fit_sum_up_to_nothing():
     outcome = by_innovations(drawn("white", "", 2, 52), [{}])
     _, influence = influence_of(outcome)
+    assert influence.shape == (INFLUENCE_BLOCKS, 4)
     assert np.all(np.abs(influence.sum(axis=0)) < 0.05 * np.sqrt(np.diag(sandwich_covariance(influence))))
 
 
@@ -82,4 +83,4 @@ def test_the_effective_number_of_blocks_is_that_of_equal_ones():
 
 def test_a_drive_under_steps_is_told_by_most_blocks():
     found = scores_of(by_innovations(drawn("white", "", 2, 52), [{}])).blocks
-    assert np.all((found > 4.0) & (found <= INFLUENCE_BLOCKS))
+    assert found.shape == (4,) and np.all((found > 4.0) & (found <= INFLUENCE_BLOCKS))

@@ -4,12 +4,9 @@ import numpy as np
 import pytest
 
 from drivetool.identify.laws.laws import Law, law_library, measurement_noise_law
-from drivetool.identify.laws.projected_parameters import (
-    STANDSTILL_SPEED_SHARE,
-    projected_within_bounds,
-    projection_of_laws,
-)
+from drivetool.identify.laws.projected_parameters import projected_within_bounds, projection_of_laws
 from drivetool.identify.motion.motion import motions_of
+from drivetool.identify.plateaus.points import STANDSTILL_SPEED_SHARE
 from tests.identify.swing import TRUTH, record, swing, task_of
 
 S = swing()

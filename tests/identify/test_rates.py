@@ -171,6 +171,7 @@ def test_a_memory_of_the_torque_noise_is_as_long_at_every_rate():
         traces.append(replace(t, outputs=y + 1e-2 * rng.standard_normal(y.shape)))
     problem = replace(problem, traces=tuple(traces), sensor_std=1e-2)
     passes = filtered(problem, Point(np.empty(0), tuple(np.zeros(1) for _ in traces)), noise, keep=False)
+    assert len(passes) == 2  # rates
     for f in passes:
         z = f.innovations[100:, 0] / np.sqrt(f.variance[100:, 0]) / 1e-2
         assert np.mean(z**2) == pytest.approx(1.0, abs=0.06) and abs(np.mean(z[1:] * z[:-1])) < 0.05

@@ -146,7 +146,9 @@ def test_every_encoding_gives_the_same_experiment(tmp_path):
     for encoding in encodings.ENCODINGS:
         encodings.write(tmp_path / "a.mcap", encoding, messages)
         found.append(open_experiment(tmp_path / "a.mcap", channel_map()))
+    assert set(found[0].signals) == set(channel_map().roles)
     for one in found:
+        assert set(one.signals) == set(found[0].signals)
         assert (one.step, one.start, one.segments, one.findings) == (
             found[0].step, found[0].start, found[0].segments, ())
         for role, values in one.signals.items():
@@ -307,6 +309,7 @@ def test_files_that_do_not_fit_into_memory_are_read_twice(tmp_path, monkeypatch)
     once = everything(tmp_path / "a.mcap")
     monkeypatch.setattr(source, "MAX_CACHED_BYTES", 3000)
     twice = everything(tmp_path / "a.mcap")
+    assert set(twice.channels) == set(once.channels) >= {"/drive.torque", "/drive.speed"}
     for name, channel in once.channels.items():
         assert channel.values.tobytes() == twice.channels[name].values.tobytes()
 

@@ -8,8 +8,9 @@ from drivetool.logs.clocks import batched_times as batches, clean_stamps as clea
 from drivetool.logs.clocks.batched_times import find_batches as batches_of
 from drivetool.logs.clocks.clean_stamps import clean_clock as cleaned
 from drivetool.logs.clocks.coarse_clock import restore_uniform_times
-from drivetool.logs.door.build import MIN_SAMPLES, MIN_SEGMENT, build_experiment
+from drivetool.logs.door.build import MIN_SEGMENT, build_experiment
 from drivetool.logs.experiment import Channel, Recording
+from drivetool.logs.grid import MIN_SAMPLES
 from drivetool.logs.samples import speed_check, unmeasured_samples as unmeasured
 
 N, STEP = 4000, 1e-3
@@ -32,7 +33,7 @@ def noise(n=N, seed=1):
 
 
 def restores_coarse_clock(share):
-    time = np.floor(np.arange(round(share * coarse_clock.MIN_STRETCH_SAMPLES)) * 2.5e-4 / 1e-3 + 1e-6) * 1e-3
+    time = np.floor(np.arange(round(share * coarse_clock.MIN_LINE_SAMPLES)) * 2.5e-4 / 1e-3 + 1e-6) * 1e-3
     return restore_uniform_times(time) is not None
 
 

@@ -95,6 +95,7 @@ def test_exact_dead_time_against_the_independent_simulator(order):
     run = simulate(m, np.zeros(n), h, controller=pi, load_torque=np.ones(n), rtol=1e-8, atol=1e-12)
     drive = two_mass_plant("heavy").with_values({"converter.order": order})
     found = signals(build(drive, Wiring()), at, ["motor_speed", "load_speed"])
+    assert list(found) == ["motor_speed", "load_speed"]
     for body, modes in enumerate(found.values()):
         wanted = run.speeds[:, body]
         np.testing.assert_allclose(modes.at(run.time), wanted, atol=3e-3 * np.abs(wanted).max())
@@ -198,6 +199,7 @@ def check_criterion_over_limits(drive, kind, limits=(2.4, 2.0, 1.7, 1.4), wiring
     loop = build(drive, wiring or Wiring())
     found = [optimum(tuning_problem(loop, criterion(kind), TuneLimits(limit))) for limit in limits]
     reached = [each.value for each in found]
+    assert len(reached) > 1 and np.isfinite(reached).all()
     for at_higher_limit, at_lower_limit in pairwise(reached):
         assert at_lower_limit >= at_higher_limit * (1.0 - 1e-5)
 

@@ -6,14 +6,19 @@ from collections.abc import Callable
 from typing import TYPE_CHECKING
 
 from drivetool.check.causes.cause import Cause
-from drivetool.check.starts import Start, bodies_without, speed_and_duration, start_with, torque_size
+from drivetool.check.starts import (
+    NEGLIGIBLE_FRICTION_SHARE,
+    Start,
+    bodies_without,
+    speed_and_duration,
+    start_with,
+    torque_size,
+)
 
 if TYPE_CHECKING:
     from drivetool.check.fit import Model
 
-# Of the torque's standard deviation, as starts: the first for a linear step, the second large enough to act (a
-# choice).
-NEGLIGIBLE_FRICTION_SHARE, START_FRICTION_SHARE = 1e-6, 0.03
+START_FRICTION_SHARE = 0.03  # of the torque's standard deviation, as a start that is large enough to act (a choice)
 RMS_TO_PEAK_SPEED = 0.7  # rms over peak speed of a sinusoidal motion: 1 / sqrt(2)
 
 

@@ -6,6 +6,7 @@ from typing import TYPE_CHECKING
 
 from drivetool.check.causes.cause import Cause
 from drivetool.check.starts import (
+    NEGLIGIBLE_FRICTION_SHARE,
     Bounds,
     Start,
     is_present,
@@ -19,8 +20,6 @@ if TYPE_CHECKING:
     from drivetool.check.fit import Model
     from drivetool.identify.setup import Task
 
-# Of the torque's standard deviation, as a start: small enough for a linear step.
-NEGLIGIBLE_FRICTION_SHARE = 1e-6
 TIME_CONSTANT_STARTS = (0.15, 0.4, 1.0)  # over the length of the record, as starts (a choice within the bounds)
 # Over the length of the record: a longer drift is a constant, a shorter one is the initial transient.
 MIN_TIME_CONSTANT, MAX_TIME_CONSTANT = 0.05, 3.0

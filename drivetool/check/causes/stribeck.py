@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING
 
 from drivetool.check.causes.cause import Cause
 from drivetool.check.starts import (
+    NEGLIGIBLE_FRICTION_SHARE,
     Bounds,
     Start,
     bodies_without,
@@ -23,8 +24,6 @@ if TYPE_CHECKING:
     from drivetool.check.fit import Masks, Model
     from drivetool.identify.setup import Task
 
-# Of the torque's standard deviation, as a start: small enough for a linear step.
-NEGLIGIBLE_FRICTION_SHARE = 1e-6
 SIZES = ("stribeck", "stribeck_speed", "stribeck_power")
 # Log likelihood that another power must gain (a choice: e^10, the bell is the usual curve)
 MIN_POWER_GAIN = 10.0

@@ -13,10 +13,11 @@ from drivetool.errors import Finding
 from drivetool.identify.noise import filtered
 from drivetool.identify.setup import traces_of
 from drivetool.logs import Experiment
+from drivetool.logs.samples import STD_PER_MAD
 
 Places = Mapping[str, Sequence[int]]  # role -> samples of a record
 
-MEDIAN_WINDOW = 5  # samples of the running median: five pass over two neighbouring spikes
+SPIKE_MEDIAN_WINDOW = 5  # samples of the running median: five pass over two neighbouring spikes
 MIN_SPIKE_STDS = 8.0  # robust standard deviations. A choice: Gaussian noise never reaches it
 # Of a spike's second difference, from which a sample near it is curved too (a choice).
 NEIGHBOUR_CURVATURE_SHARE = 0.4
@@ -72,17 +73,17 @@ def spikes(y: np.ndarray) -> tuple[np.ndarray, np.ndarray, float]:
     from scipy.ndimage import median_filter
 
     good = np.isfinite(y)
-    if good.sum() < 10 * MEDIAN_WINDOW:
+    if good.sum() < 10 * SPIKE_MEDIAN_WINDOW:
         return np.zeros(0, int), np.zeros(0), 1.0
     filled = np.interp(np.arange(len(y)), np.flatnonzero(good), y[good])
-    d = np.abs(filled - median_filter(filled, MEDIAN_WINDOW, mode="nearest"))
-    sigma = 1.4826 * float(np.median(d[good]))  # interpolated samples have no noise
-    local_scale = 1.4826 * median_filter(d, 51, mode="nearest")
+    d = np.abs(filled - median_filter(filled, SPIKE_MEDIAN_WINDOW, mode="nearest"))
+    sigma = STD_PER_MAD * float(np.median(d[good]))  # interpolated samples have no noise
+    local_scale = STD_PER_MAD * median_filter(d, 51, mode="nearest")
     d2 = np.abs(np.diff(filled, 2, prepend=filled[0], append=filled[-1]))
     # An oscillation is curved a few samples further on; a spike, even two, makes at most three of them curved.
     isolated = np.sum([np.roll(d2, k) > NEIGHBOUR_CURVATURE_SHARE * d2
                        for k in (-5, -4, -3, -2, 2, 3, 4, 5)], axis=0) <= 3
-    smooth = 1.4826 * float(np.median(d2[good]))
+    smooth = STD_PER_MAD * float(np.median(d2[good]))
     if max(sigma, smooth) <= 0.0:
         return np.zeros(0, int), np.zeros(0), 1.0
     # A spike is one sample against both neighbours: a step of the motion is not.
@@ -182,5 +183,5 @@ def _normalized_innovations(model: Model, traces: Sequence) -> tuple[list[np.nda
     """Per trace (n, ny): innovations, and the same over their standard deviations."""
     passes = filtered(replace(model.problem, traces=tuple(traces)), model.point, model.noise, keep=False)
     ratios = [f.innovations / np.sqrt(f.variance) for f in passes]
-    scale = 1.4826 * np.nanmedian(np.abs(np.concatenate(ratios)), axis=0)
+    scale = STD_PER_MAD * np.nanmedian(np.abs(np.concatenate(ratios)), axis=0)
     return [f.innovations for f in passes], [r / np.where(scale > 0.0, scale, np.inf) for r in ratios]

@@ -8,7 +8,7 @@ import numpy as np
 MIN_ROUNDING_VARIANCE_SHARE = 0.1
 # Of a step: error of a difference per step of its length, where there are few to test. A choice: rounding of
 # decimals is far less.
-MULTIPLE_TOLERANCE = 1e-3
+STEP_MULTIPLE_TOLERANCE = 1e-3
 # Differences, from which chance does not make all of them multiples of one step.
 MIN_DIFFERENCES_FOR_COSINE = 20
 MAX_DIFFERENCES = 300  # a choice: limits the cost, more add no certainty
@@ -31,7 +31,7 @@ def resolution(y: np.ndarray) -> float | None:
     if len(gaps) < MIN_DIFFERENCES_FOR_COSINE:
         step = float(gaps[0])
         steps = np.round(gaps / step)
-        return step if np.all(np.abs(gaps / step - steps) < MULTIPLE_TOLERANCE * steps) else None
+        return step if np.all(np.abs(gaps / step - steps) < STEP_MULTIPLE_TOLERANCE * steps) else None
     some = gaps[np.linspace(0, len(gaps) - 1, min(MAX_DIFFERENCES, len(gaps))).astype(int)]
     parts = np.arange(1, MAX_STEPS_BETWEEN_VALUES + 1)
     found = np.flatnonzero(_mean_cosine(some, gaps[0] / parts) > MIN_MEAN_COSINE)

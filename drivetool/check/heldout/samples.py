@@ -16,7 +16,7 @@ from drivetool.logs import Experiment
 
 MIN_TRANSIENT = 0.1  # s. A choice: the least time for a start state without resonances
 TRANSIENT_PERIODS = 2.0  # of the slowest resonance or anti-resonance, after which a start state is identifiable
-MAX_TRANSIENT_SHARE = 0.5  # of a block. A choice: half of it must stay for the test
+MAX_BLOCK_TRANSIENT_SHARE = 0.5  # of a block. A choice: half of it must stay for the test
 
 
 class Samples(NamedTuple):
@@ -85,5 +85,5 @@ def initial_transients(traces: Sequence[Trace], drive: Drive) -> list[np.ndarray
     """
     slowest = min((mode.frequency_hz for mode in resonances(drive)), default=np.inf)
     _, first, last = blocks_of(traces)[0]
-    seconds, longest = max(MIN_TRANSIENT, TRANSIENT_PERIODS / slowest), MAX_TRANSIENT_SHARE * (last - first)
+    seconds, longest = max(MIN_TRANSIENT, TRANSIENT_PERIODS / slowest), MAX_BLOCK_TRANSIENT_SHARE * (last - first)
     return [np.arange(t.size) < max(20, round(min(seconds / t.step, longest))) for t in traces]

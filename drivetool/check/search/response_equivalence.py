@@ -8,10 +8,11 @@ import numpy as np
 
 from drivetool.check.fit import FIT_ERRORS, Model, all_samples, sensor_variance
 from drivetool.check.heldout import Score
+from drivetool.check.search.decision import CLEAR_LEAD
 from drivetool.identify.noise import filtered, with_disturbance_state
 from drivetool.identify.problem import solve
 
-EQUIVALENCE_LIMIT = 20.0  # log likelihood of the difference of two responses. A choice: CLEAR_LEAD of the decision
+EQUIVALENCE_LIMIT = CLEAR_LEAD  # log likelihood of the difference of two responses. A choice
 
 
 def responses_equivalent(one: Score, best: Score) -> bool:

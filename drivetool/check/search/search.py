@@ -38,7 +38,7 @@ from drivetool.check.search.candidate_fit import (
     screened_for_significance,
 )
 from drivetool.check.search.candidate_report import candidate_results
-from drivetool.check.search.decision import MIN_GAIN_PER_PARAMETER, Decision, decide
+from drivetool.check.search.decision import CLEAR_LEAD, MIN_GAIN_PER_PARAMETER, Decision, decide
 from drivetool.check.search.heldout_test import apply_heldout_test
 from drivetool.check.search.prepared_start import best_prepared_start, reference_model
 from drivetool.check.search.response_equivalence import responses_equivalent
@@ -53,7 +53,6 @@ MIN_SHORTLIST, SHORTLIST_GAIN_SHARE = 3, 0.25
 # requires several units anyhow.
 MIN_EXPECTED_GAIN = 6.0
 MAX_GAIN_RATIO = 4.0  # of a full fit over its expected gain: 95 % of a study stay below
-RIVAL_LEAD = 20.0  # log likelihood. A choice: CLEAR_LEAD of the decision, below which two causes may tie
 MAX_CROSS_VALIDATED = 6  # a choice: each costs a fit per fold; the likeliest go first
 # Log likelihood, as MIN_LEAD of the decision, and iterations after which the improvement shows: both a choice.
 MIN_BASE_IMPROVEMENT, BASE_REFIT_ITERATIONS = 4.0, 3
@@ -216,7 +215,7 @@ class ForwardSelection:
                 gained = max((node.model.value - t.model.value for t in fitted.values()
                               if t.model and not t.absent), default=0.0)
                 worth_fitting = [s for s in group
-                                 if not fitted or MAX_GAIN_RATIO * s.expected_gain > gained - RIVAL_LEAD]
+                                 if not fitted or MAX_GAIN_RATIO * s.expected_gain > gained - CLEAR_LEAD]
                 goal = node.model.value - gained if fitted else np.inf
                 for t in pool.map(lambda s, goal=goal: attempt(s, node.model, self.masks, own[s.cause.code], goal),
                                   worth_fitting):

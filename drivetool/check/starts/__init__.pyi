@@ -2,6 +2,7 @@ from .backlash_multistart import backlash_fits as backlash_fits, with_neighbouri
 from .base import (
     DELAY_STARTS_IN_SAMPLES as DELAY_STARTS_IN_SAMPLES,
     MIN_LAG_SAMPLES as MIN_LAG_SAMPLES,
+    NEGLIGIBLE_FRICTION_SHARE as NEGLIGIBLE_FRICTION_SHARE,
     bodies_without as bodies_without,
     gear_ratio as gear_ratio,
     is_present as is_present,

@@ -14,6 +14,8 @@ if TYPE_CHECKING:
     from drivetool.check.fit import Model
     from drivetool.identify.setup import Task
 
+# Of the torque's standard deviation, as a start of friction: small enough for a linear step.
+NEGLIGIBLE_FRICTION_SHARE = 1e-6
 MIN_LAG_SAMPLES = 0.03  # samples. A choice: a shorter lag is below what a record resolves
 # Delays and lags in samples; a choice: factors of two, below one sample to a filter's eight.
 DELAY_STARTS_IN_SAMPLES = (0.25, 0.5, 1.0, 2.0, 4.0, 8.0)

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from drivetool.check.fit import Model
-from drivetool.identify.backlash import local_minima
+from drivetool.identify.backlash import MAX_GAP_STARTS, local_minima
 from drivetool.identify.noise import filtered, minus_log_likelihood
 from drivetool.identify.problem import Point
 from drivetool.identify.setup import problem_of
@@ -13,7 +13,6 @@ from drivetool.identify.setup import problem_of
 # Half gaps over the twist by the torque, in steps of 19 %: a stiff shaft twists little, so gaps may be many
 # times that.
 HALF_GAP_TO_TWIST_GRID = np.geomspace(0.003, 300.0, 67)
-MAX_GAP_STARTS = 3  # a choice: local optima that are fitted, each costs a fit
 
 
 def half_gaps(base: Model, name: str, torque: float) -> list[float]:

@@ -21,11 +21,11 @@ from drivetool.identify.coast_down import Stretch, coast_down_assumed, stretches
 from drivetool.identify.estimate import Covariance, PlotData, fit_percent, fit_text
 from drivetool.identify.setup import KnownStart
 from drivetool.logs import Experiment, number_duplicates
+from drivetool.quantity import RPM_PER_RAD_S
 
 # Ratio to the rmse of quantisation alone. A uniform error over 1000 samples has an rmse that is known to 1.4 %.
 MAX_ERROR_TO_COUNTS = 1.05
 PARAMETER_ERROR_STDS = 2.6  # standard deviations by the parameters: one normal error in a hundred is larger
-RPM_PER_RAD_S = 30.0 / np.pi  # of one rad/s
 
 
 @dataclass(frozen=True)

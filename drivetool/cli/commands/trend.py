@@ -10,12 +10,11 @@ import typer
 from drivetool.cli.options import Job, check_outputs, common as cli
 from drivetool.cli.output import deliver, guarded
 from drivetool.errors import BadOption
+from drivetool.site.trends import DEFAULT_ALARM_RATIO
 
 HELP = ("What changed over the recordings of a site. Per machine and parameter: the mean with the scatter within a "
         "day and between days, the drift, steps, and alarms with their dates.")
 EXAMPLE = "drivetool trend site/summary.parquet --out trends.yaml"
-# The default of drivetool.site.trends, repeated because those modules import too slowly for a help text.
-DEFAULT_ALARM = 5.0
 
 Summary = Annotated[str, typer.Argument(
     metavar="SUMMARY", help="Summary of a site, one row per recording, step and parameter, as Parquet.")]
@@ -25,7 +24,7 @@ Alarm = Annotated[float, typer.Option(
 
 
 def command(
-    summary: Summary, alarm: Alarm = DEFAULT_ALARM, out: cli.Out = None, json: cli.Json = False,
+    summary: Summary, alarm: Alarm = DEFAULT_ALARM_RATIO, out: cli.Out = None, json: cli.Json = False,
     plot: cli.Plot = None,
     strict: cli.Strict = False, debug: cli.Debug = False, quiet: cli.Quiet = False,
 ) -> None:

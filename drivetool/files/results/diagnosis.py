@@ -35,11 +35,11 @@ def diagnosis_section(diagnosis: Diagnosis) -> shapes.DiagnosisSection:
     return shapes.DiagnosisSection(
         verdict=diagnosis.verdict, sentence=diagnosis.sentence, causes=list(diagnosis.causes),
         between=list(diagnosis.between), closest=list(diagnosis.closest), experiment=diagnosis.experiment,
-        evidence={code: _finite(value) for code, value in diagnosis.evidence.items()},
+        evidence={code: _rounded(value) for code, value in diagnosis.evidence.items()},
         gain=_gain_section(diagnosis.gain),
         candidates=[_candidate_section(each, n, drive) for n, one in rounds for each in one.candidates],
         rounds=[shapes.RoundSection(round=n, cause=one.cause, gain=_gain_section(one.gain)) for n, one in rounds],
-        rule=diagnosis.rule, facts={n: _finite(v) if isinstance(v, float) else v
+        rule=diagnosis.rule, facts={n: _rounded(v) if isinstance(v, float) else v
                                     for n, v in diagnosis.facts.plain().items()})
 
 
@@ -60,9 +60,10 @@ def _candidate_section(found: CandidateResult, number: int, drive: Drive) -> sha
     units = {p.name: p.unit for p in found.parameters}
     return shapes.CandidateSection(
         code=found.code, round=number, law=found.law, state=found.state,
-        shown=_DETECTABLE.get(found.state, True), gain=_finite(found.gain), gain_std=_finite(found.gain_std),
-        evidence=_finite(found.evidence), reason=found.reason,
-        smallest={name: shapes.SizeSection(value=_finite(value), unit=units.get(name, _parameter_unit(drive, name)))
+        shown=_DETECTABLE.get(found.state, True), gain=_rounded(found.gain), gain_std=_rounded(found.gain_std),
+        evidence=_rounded(found.evidence), reason=found.reason,
+        smallest={name: shapes.SizeSection(value=_rounded(value),
+                                           unit=units.get(name, _parameter_unit(drive, name)))
                   for name, value in found.smallest.items()},
         parameters=_parameter_sections(found.parameters))
 
@@ -78,9 +79,9 @@ def _gain_section(gain: Gain | None) -> shapes.GainSection | None:
         return None
     interval = gain.further_record_interval
     return shapes.GainSection(
-        **{key: value if isinstance(value, str) else _finite(value)
+        **{key: value if isinstance(value, str) else _rounded(value)
            for key, value in asdict(gain).items() if key not in ("blocks", "rmse_bar")},
-        rmse_gain_ci95=None if interval is None else tuple(map(_finite, interval)))
+        rmse_gain_ci95=None if interval is None else tuple(map(_rounded, interval)))
 
 
 def _parameter_unit(drive: Drive, name: str) -> str | None:
@@ -88,7 +89,7 @@ def _parameter_unit(drive: Drive, name: str) -> str | None:
     return drive.unit(name) if name in drive.quantities else None
 
 
-def _finite(value: float | None) -> float | None:
+def _rounded(value: float | None) -> float | None:
     """A finite float with the digits that files have, or None."""
     found = to_plain(value)
     return None if found is None else float(found)

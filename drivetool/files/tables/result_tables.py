@@ -14,11 +14,11 @@ from rich.table import Table
 from rich.text import Text
 
 from drivetool.files.shapes import parameter_shapes as shapes
+from drivetool.quantity import RPM_PER_RAD_S
 
 _FIT_LABELS = {"simulation_fit_percent": "simulation fit", "one_step_fit_percent": "one-step fit",
            "rmse": "rmse of the simulation", "n": "samples"}
 _SEVERITY_STYLES = {"note": "cyan", "warning": "yellow", "failure": "bold red"}
-RPM_PER_RAD_S = 30.0 / math.pi  # 60 s/min over 2 pi rad per revolution
 _SEVERITY_ORDER = ("failure", "warning", "note")
 
 

@@ -16,6 +16,7 @@ from drivetool.identify.blackbox.blackbox_findings import blackbox_findings, bod
 from drivetool.identify.blackbox.transfer import VISCOUS, TransferForm, to_physical, why_impossible
 from drivetool.identify.estimate import (
     Z95,
+    Z95_ONE_SIDED,
     Covariance,
     Estimate,
     Parameter,
@@ -36,7 +37,6 @@ from drivetool.identify.problem import Point, Problem, solve
 from drivetool.identify.setup import Options, Outcome, reverses, traces_of
 from drivetool.logs import recording_sources
 
-QUANTILE_95_ONE_SIDED = 1.645  # normal quantile of a one-sided 95 %
 # Idle torque over the largest torque of the record. A choice: the motor could not overcome it.
 MAX_IDLE_TORQUE_RATIO = 3.0
 NOT_SEPARABLE_TEXT = "friction and idle torque cannot be separated in this record"
@@ -214,7 +214,7 @@ def _converted_parameter(
     common = (drive.unit(name), drive.values.get(name))
     low, high = drive.quantity(name).bounds
     if key in ("damping", VISCOUS) and value <= 0.0:
-        upper = (0.0, max(0.0, value + QUANTILE_95_ONE_SIDED * std)) if std is not None else None
+        upper = (0.0, max(0.0, value + Z95_ONE_SIDED * std)) if std is not None else None
         return Parameter(name, 0.0, *common, None, upper, "at-bound",
                          f"estimated as {value:.4g}, but damping cannot be negative")
     if std is None:

@@ -24,7 +24,7 @@ from drivetool.identify.estimate import Estimate
 from drivetool.identify.fit import with_coloured_noise
 from drivetool.identify.greybox import ALL
 from drivetool.identify.noise import fit_innovations, polish
-from drivetool.identify.problem import Point, Problem, solve
+from drivetool.identify.problem import MIN_SPARE_SAMPLES, Point, Problem, solve
 from drivetool.identify.setup import Options, Outcome, Roles, Task, at_rates, both_outputs, roles_of, traces_of
 from drivetool.identify.starts import attempt_or_none, without_failed
 from drivetool.logs import Experiment
@@ -32,7 +32,6 @@ from drivetool.logs.samples import without_unmeasured
 
 # Of the grid's best points. A choice: the likelihood has local optima, and each start costs a fit.
 DEFAULT_STARTS = 3
-MIN_SPARE_SAMPLES = 20  # samples beyond the number of unknowns. A choice: fewer give no estimate of the noise
 
 
 def blackbox(experiments: Sequence[Experiment], drive: Drive, options: Options) -> Estimate:

@@ -14,6 +14,7 @@ import numpy as np
 from drivetool.errors import Finding
 from drivetool.identify.noise import fit_innovations, polish
 from drivetool.identify.setup import Outcome, Task, has_gap
+from drivetool.logs.samples import STD_PER_MAD
 
 REFIT_OUTLIER_STDS = 8.0  # robust standard deviations; normal noise exceeds them once in 1e15 samples
 MAX_REFIT_OUTLIER_SHARE = 2e-3  # share of the samples. A choice: more of them are no outliers but a missing law
@@ -48,7 +49,7 @@ def _without_far_samples(outcome: Outcome) -> tuple[Task, list[float]]:
     errors = [f.innovations / np.sqrt(f.variance) for f in outcome.fit.passes]
     whole = np.concatenate(errors)
     middle = np.nanmedian(whole, axis=0)
-    scale = 1.4826 * np.nanmedian(np.abs(whole - middle), axis=0)
+    scale = STD_PER_MAD * np.nanmedian(np.abs(whole - middle), axis=0)
     with np.errstate(invalid="ignore", divide="ignore"):
         far = [np.abs(z - middle) > REFIT_OUTLIER_STDS * scale for z in errors]
     count = int(sum(f.sum() for f in far))

@@ -16,6 +16,7 @@ from drivetool.identify.acceleration import RigidDrive, as_drive_parameters, hel
 from drivetool.identify.coast_down.coast_down_fit import NO_PRIOR, CoastDownFit, Prior, Run, fit, run_of
 from drivetool.identify.coast_down.laws import MISFIT_SIGNIFICANCE, FurtherLaw, further_law, start_drives
 from drivetool.identify.coast_down.report import (
+    INERTIA,
     MAX_STD_TO_VALUE,
     CoastDownScatter,
     coast_down_findings,
@@ -34,7 +35,6 @@ from drivetool.identify.estimate import Z95, Covariance, Estimate, Parameter
 from drivetool.identify.setup import Options, fed_by_voltages
 from drivetool.logs import Experiment, recording_sources
 
-INERTIA = "motor.inertia"
 FRICTION = ("motor.viscous", "motor.coulomb", "motor.idle_torque")
 FLUX_TIME_CONSTANTS = 3.0  # time constants of the rotor's flux, after which 5 % of it is left: exp(-3)
 ADDED_INERTIA_TEXT = "a known added inertia"

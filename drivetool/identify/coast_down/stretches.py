@@ -12,7 +12,7 @@ from drivetool.errors import BadRecording, NotEnoughData
 from drivetool.identify.plateaus import block_means, speed_of
 from drivetool.identify.setup import supply_of, white_std
 from drivetool.logs import Experiment
-from drivetool.logs.samples import quantisation_step
+from drivetool.logs.samples import MAD_PER_STD, quantisation_step
 
 # Standard deviations of the torque's white noise: chance exceeds them once in a million samples.
 OFF_TORQUE_STDS = 5.0
@@ -129,7 +129,7 @@ def _on_and_off(torque: np.ndarray) -> list[tuple[int, int, bool]]:
 def _white_torque_std(torque: np.ndarray) -> float:
     """Standard deviation of a torque's white noise, robust against steps and few outliers."""
     third = np.abs(np.diff(torque, 3))
-    return float(np.nanmedian(third)) / (0.6745 * np.sqrt(20.0)) if len(third) else 0.0
+    return float(np.nanmedian(third)) / (MAD_PER_STD * np.sqrt(20.0)) if len(third) else 0.0
 
 
 def _start_of_coast_down(experiment: Experiment, a: int, b: int) -> int:

@@ -18,7 +18,7 @@ MAX_INFLATION = 1e4
 # less the bound does not press on the parameter.
 MIN_BOUND_PUSH = 2.0
 Z95 = 1.959963984540054  # normal quantile of a two-sided 95 % interval
-Z95_ONE_SIDED = 1.645  # normal quantile of a one-sided 95 % interval
+Z95_ONE_SIDED = 1.645  # normal quantile of a one-sided 95 % interval, rounded
 
 
 def covariance_of(problem: Problem, solution: Solution) -> tuple[np.ndarray, np.ndarray, np.ndarray]:

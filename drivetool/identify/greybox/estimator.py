@@ -38,6 +38,7 @@ from drivetool.identify.identifiability import (
 from drivetool.identify.laws import can_be_tested, default_fit, find_missing_structure, report_missing_structure
 from drivetool.identify.outcome import compose, not_converged
 from drivetool.identify.setup import (
+    HELD_OUT_SHARE,
     Options,
     Outcome,
     Roles,
@@ -56,8 +57,6 @@ from drivetool.logs import Experiment
 from drivetool.logs.samples import without_unmeasured
 
 ALL = "all"  # after --free: all that a grey-box fit frees
-# Held-out share of each record for the comparison of criteria. A choice, usual in cross-validation
-CRITERIA_HELD_OUT_SHARE = 0.3
 # Log likelihood that freeing a given dry friction must gain without a request. A choice: chance gives it once in
 # two thousand fits (chi-square of one degree of freedom, 12).
 MIN_DRY_FRICTION_GAIN = 6.0
@@ -211,8 +210,8 @@ def both_criteria(outcome: Outcome, options: Options) -> tuple[dict[str, float],
     Each criterion is fitted to the first part of every record and simulated over the rest.
     """
     task = outcome.task.at_point(outcome.solution.point)
-    train = [e.between(0.0, (1.0 - CRITERIA_HELD_OUT_SHARE) * e.size * e.step) for e in task.experiments]
-    rest = [e.between((1.0 - CRITERIA_HELD_OUT_SHARE) * e.size * e.step, e.size * e.step) for e in task.experiments]
+    train = [e.between(0.0, (1.0 - HELD_OUT_SHARE) * e.size * e.step) for e in task.experiments]
+    rest = [e.between((1.0 - HELD_OUT_SHARE) * e.size * e.step, e.size * e.step) for e in task.experiments]
 
     def held_out_fit(fitted: Callable[[Task], Outcome]) -> float:
         """Fit of free runs over the held-out data."""

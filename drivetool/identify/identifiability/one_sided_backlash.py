@@ -18,7 +18,9 @@ WIDE_GAP_FACTOR = 100.0  # times the half gap found. A choice: more than any tra
 # Log likelihood that grazing contacts gain by chance: where a contact sets in, the filter's slope jumps, and the
 # fit tunes the contact to the noise. A choice: as for held values that the record contradicts.
 MAX_GRAZING_GAIN = 30.0
-Z95_ONE_SIDED = 1.644853626951472  # standard deviations of a one-sided 95 % limit: normal quantile
+# Standard deviations of a one-sided 95 % limit: the normal quantile with all digits. Z95_ONE_SIDED of estimate/ is
+# rounded and 9e-5 larger; one value for both would change what is reported.
+Z95_ONE_SIDED_ALL_DIGITS = 1.644853626951472
 # Times the half gap that the travel just fills. A choice: rounding must not close the contact
 BEYOND_TRAVEL_FACTOR = 1.02
 
@@ -48,7 +50,7 @@ def never_crossed(outcome: Outcome, gap: str) -> tuple[Outcome, float] | None:
     if filled is None:
         return None
     return (_with_half_gap(wide, gap, BEYOND_TRAVEL_FACTOR * filled[0], task),
-            max(float(filled[0] - Z95_ONE_SIDED * filled[1]), 0.0))
+            max(float(filled[0] - Z95_ONE_SIDED_ALL_DIGITS * filled[1]), 0.0))
 
 
 def _half_gap_of_travel(wide: Outcome, gap: str) -> tuple[float, float] | None:

@@ -36,7 +36,8 @@ from drivetool.identify.problem import Normal, Point, solve
 from drivetool.identify.setup import as_recorded, with_trial_values
 from drivetool.logs import Experiment
 
-MIN_SAMPLES = 2 * INFLUENCE_BLOCKS  # samples of a fit: blocks of a single sample have no correlation to estimate
+# Samples of a fit: blocks of a single sample have no correlation to estimate.
+MIN_REGRESSION_SAMPLES = 2 * INFLUENCE_BLOCKS
 # Share of the record that the initial transient of a chain may cover. A choice: above it most of it is lost.
 MAX_TRANSIENT_SHARE = 0.5
 UNEVEN_STEP = 0.618  # increment of uneven steps: multiples of the golden section, modulo one, never coincide
@@ -134,9 +135,9 @@ class InverseRegression:
                        for v in (own.residual, own.slopes, other.slopes))
             found.append(Rows(r, x, z))
         count = sample_count(found)
-        if count < MIN_SAMPLES:
+        if count < MIN_REGRESSION_SAMPLES:
             raise NotEnoughData(
-                f"at least {MIN_SAMPLES} independent samples in which the motor moves", f"{count}",
+                f"at least {MIN_REGRESSION_SAMPLES} independent samples in which the motor moves", f"{count}",
                 "Record longer, or with less standstill.")
         return found
 

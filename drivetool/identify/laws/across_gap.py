@@ -12,14 +12,13 @@ import numpy as np
 
 from drivetool.identify.laws.fit_with_laws import near
 from drivetool.identify.laws.free_run_test import FreeRunTest
-from drivetool.identify.noise import polish, until_converged
+from drivetool.identify.noise import MAX_REPEATED_FITS, polish, until_converged
 from drivetool.identify.setup import Outcome, Task
 from drivetool.identify.starts import log_likelihood_distance, start_agrees
 
 # Free-run error without laws over that with them, from which the laws are confirmed. A spurious law changes it by
 # less than a tenth, also in local optima; a cogging torque of 5 % changed it by a factor of fifteen.
 MIN_CONFIRMING_ERROR_RATIO = 1.2
-MAX_REPEATED_FITS = 4  # fits in a row until one converges; a choice that bounds the time of a fit that does not
 # Log likelihood, a choice: a smaller difference is no other optimum but incomplete convergence.
 MIN_OTHER_OPTIMUM_GAIN = 1.0
 SAME_VALUE_TOLERANCE = 1e-6  # relative, of all values: without noise any two points differ much in log likelihood

@@ -13,19 +13,17 @@ from drivetool.errors import NotEnoughData
 from drivetool.identify.laws.candidates import CandidateSet
 from drivetool.identify.laws.fit_with_laws import MAX_QUICK_ITERATIONS
 from drivetool.identify.noise import fit_innovations
-from drivetool.identify.setup import Outcome, Task, first_point
+from drivetool.identify.setup import HELD_OUT_SHARE, Outcome, Task, first_point
 
 REFITTED_CANDIDATES = ("white", "coloured", "white, laws", "coloured, laws")
-# Of every recording, held out at its end and at its start in turn, so that no single stretch decides. A choice:
-# more leaves too little to fit, less too few free runs.
-HELD_OUT_SHARE = 0.3
 HELD_OUT_RUN_LENGTH = 4.0  # s of a free run: over one second a straight line approximates any slow motion
 
 
 def held_out_errors(field: CandidateSet) -> tuple[float, float]:
     """(free-run error of the best fit on the held-out parts, error of straight lines of the speed there).
 
-    Each candidate is refitted to the rest of the record, with the laws found on the whole record. Both are zero
+    Held out are the end and the start in turn, so that no single stretch decides. Each candidate is refitted to the
+    rest of the record, with the laws found on the whole record. Both are zero
     where the parts are too short, or straight lines leave noise alone.
     """
     errors: dict[int, list[float]] = {}

@@ -8,10 +8,9 @@ import numpy as np
 
 from drivetool.identify.laws.laws import Law
 from drivetool.identify.motion import Motions
+from drivetool.identify.plateaus import STANDSTILL_SPEED_SHARE
 from drivetool.identify.setup import Task
 
-# Of the top speed, a choice: slower, sticking friction follows no line over the speed.
-STANDSTILL_SPEED_SHARE = 0.01
 # Parameter of a body -> the sum over all bodies that may be fitted in its place.
 SUM_OF_BODIES = {"viscous": "total.viscous", "idle_torque": "total.idle_torque"}
 

@@ -22,7 +22,7 @@ LOW_PASS_ORDER = 3
 NOISE_BAND_START = 0.8
 SIGN_SIGNIFICANCE = 3.0  # standard deviations of the speed's noise below which its sign is not significant (99.7 %)
 # Of the top speed, below which a body stands. A choice: below the speed of a slow plateau
-STANDSTILL_SPEED_SHARE = 5e-3
+MIN_MOVING_SPEED_SHARE = 5e-3
 FREQUENCY_GRID = np.linspace(0.0, 0.5, 2049)[1:]  # cycles per sample
 
 
@@ -207,7 +207,7 @@ def _fill_from_speed(found: dict[str, np.ndarray], part: slice, ends: np.ndarray
 
 def _completed_motion(found: dict[str, np.ndarray], e: Experiment, smoothing: Smoothing, top: float,
             known: np.ndarray) -> Motion:
-    slow = ~(np.abs(found["speed"]) > max(SIGN_SIGNIFICANCE * smoothing.speed_noise, STANDSTILL_SPEED_SHARE * top))
+    slow = ~(np.abs(found["speed"]) > max(SIGN_SIGNIFICANCE * smoothing.speed_noise, MIN_MOVING_SPEED_SHARE * top))
     return Motion(**found, time=e.time + 0.5 * e.step, slow=slow, known=known, smoothing=smoothing)
 
 

@@ -35,6 +35,7 @@ MAX_LATER_STEPS = 4
 # Rounds between searches of the noise ratio over its whole range: near the last value alone, a ratio that tends to
 # zero takes a dozen rounds.
 WHOLE_RANGE_PERIOD = 5
+MAX_REPEATED_FITS = 4  # fits in a row until one converges; a choice that bounds the time of a fit that does not
 
 
 @dataclass(frozen=True)

@@ -28,7 +28,7 @@ MIN_REPRODUCED_SHARE = 0.999
 # Rounds of a fit to one recording. A choice: it starts near its optimum, so that few suffice
 RECORDING_FIT_ROUNDS = 12
 # Significance level: share of fits of a machine that does not vary with a finding on scatter
-SCATTER_SIGNIFICANCE = 0.01
+MACHINE_SCATTER_SIGNIFICANCE = 0.01
 
 
 @dataclass(frozen=True)
@@ -172,7 +172,7 @@ def with_scatter(lines: Sequence[Parameter], covariance: Covariance | None, name
         added[p.name] = more
         found.append(replace(p, std=std, ci95=(max(p.value - half, low), min(p.value + half, high)),
                              std_between=more, repeatability=float(repeats.scatter[j])))
-        if repeats.p[j] < SCATTER_SIGNIFICANCE / len(names):
+        if repeats.p[j] < MACHINE_SCATTER_SIGNIFICANCE / len(names):
             reported[p.name] = f"{p.name} by {repeats.scatter[j]:.2g} {p.unit}".rstrip(), float(repeats.scatter[j])
     if covariance is not None:
         extra = np.array([added.get(n, 0.0) for n in covariance.names])

@@ -6,7 +6,11 @@ from .intervals import (
     speed_of as speed_of,
 )
 from .line import LINE_KEYS as LINE_KEYS, FrictionLine as FrictionLine, fit_line as fit_line
-from .points import SteadyPoints as SteadyPoints, make_points as make_points
+from .points import (
+    STANDSTILL_SPEED_SHARE as STANDSTILL_SPEED_SHARE,
+    SteadyPoints as SteadyPoints,
+    make_points as make_points,
+)
 from .report import (
     LineTask as LineTask,
     coulomb_body_findings as coulomb_body_findings,

@@ -11,7 +11,8 @@ from drivetool.identify.plateaus.intervals import SteadyInterval, mean_variances
 
 # Means of speed closer than this share of the fastest are one level. A choice: twice the least of a motion.
 SAME_LEVEL_SHARE = 0.02
-# Slower than this share of the fastest motion is standstill, a choice: sticking friction takes any torque there.
+# Slower than this share of the fastest motion is standstill, a choice: sticking friction takes any torque there,
+# and follows no line over the speed.
 STANDSTILL_SPEED_SHARE = 0.01
 
 

@@ -28,6 +28,8 @@ from collections.abc import Iterable, Sequence
 import numpy as np
 from scipy.signal import lfilter
 
+from drivetool.logs.samples import MAD_PER_STD
+
 L1, L2, L3 = 0.3, 0.2, 0.2  # filter constants l1, l2, l3, as in Cao & Rhinehart (1995)
 # White noise exceeds 3 in 0.7 of 1000 blocks; noise with a correlation of 0.3 from block to block
 # in 8 of 1000.
@@ -71,7 +73,7 @@ def is_steady(x: np.ndarray, floor: float = 0.0) -> np.ndarray:
     forward = np.concatenate([[True], ratio_statistic(x, floor) < CRITICAL_VARIANCE_RATIO])
     backward = np.concatenate([ratio_statistic(x[::-1], floor)[::-1] < CRITICAL_VARIANCE_RATIO, [True]])
     between = np.abs(np.diff(x))
-    typical = max(float(np.median(between)) / 0.6745, np.sqrt(2) * floor)
+    typical = max(float(np.median(between)) / MAD_PER_STD, np.sqrt(2) * floor)
     return (forward | backward) & np.concatenate([[True], between <= MIN_STEP_STDS * typical])
 
 

@@ -12,7 +12,7 @@ from scipy.signal import lfilter
 from drivetool.errors import NotEnoughData
 from drivetool.identify.polynomial.pem_model import Prediction, Stretch, Structure, _delayed_columns
 from drivetool.identify.polynomial.pem_restricted import restricted_shift
-from drivetool.identify.problem import Point, Solution, solve
+from drivetool.identify.problem import MIN_SPARE_SAMPLES, Point, Solution, solve
 
 MAX_DESCENT_ITERATIONS = 100  # iterations of a descent, a choice that bounds the time
 MAX_INSTRUMENTAL_ROUNDS = 8  # of the instrumental-variable start, at most, a choice that bounds the time
@@ -21,7 +21,6 @@ INSTRUMENTAL_TOLERANCE = 1e-4  # relative change of its cost at which it has con
 RESTRICTED_STEPS = 2
 # Poles of the start's filter over the sampling rate, a choice: slow, medium, fast dynamics.
 START_FILTER_RATES = (0.02, 0.1, 0.5)
-MIN_SPARE_SAMPLES = 20  # samples beyond the unknowns, a choice: fewer leave no estimate of the noise
 
 
 @dataclass(frozen=True)

@@ -13,7 +13,7 @@ from dataclasses import replace
 import numpy as np
 
 from drivetool.drive import Drive, state_space
-from drivetool.identify.estimate import Z95, Covariance, Parameter
+from drivetool.identify.estimate import Z95, Z95_ONE_SIDED, Covariance, Parameter
 from drivetool.identify.frequency import LineProblem
 from drivetool.identify.polynomial.cauer import chain_of
 from drivetool.identify.polynomial.pem_figures import MAX_RINGING_DAMPING, ModelFigures
@@ -170,7 +170,7 @@ def chain_parameters(drive: Drive, found: Mapping[str, tuple[float, float | None
             lines[name] = Parameter(name, drive.value(name), drive.unit(name), start, status="held",
                                     reason=f"held at its value; the black box gives {value:.4g}")
         elif not low <= value <= high:
-            upper = None if std is None else (low, max(low, value + 1.645 * std))
+            upper = None if std is None else (low, max(low, value + Z95_ONE_SIDED * std))
             lines[name] = Parameter(name, low, drive.unit(name), start, None, upper, "at-bound",
                                     f"came out as {value:.4g}, which is not physical")
         elif std is None:

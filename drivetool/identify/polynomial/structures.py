@@ -23,12 +23,10 @@ from drivetool.identify.polynomial.pem_model import KINDS, POLYNOMIALS, Predicti
 from drivetool.identify.polynomial.realise import chain_parameters, conversion, ringing_frequencies_with_std
 from drivetool.identify.polynomial.structure_findings import bodies_advice, model_findings
 from drivetool.identify.problem import Point, solve
-from drivetool.identify.setup import Options
+from drivetool.identify.setup import HELD_OUT_SHARE, Options
 from drivetool.logs import Experiment
 
 TRIED_ORDERS = (1, 3, 5, 7)  # a chain of n bodies has 2 n - 1 states from torque to speed
-# Of every stretch, at its end, a choice: more leaves too little to fit, less too little to validate.
-HELD_OUT_SHARE = 0.3
 # Of the least residual, up to which the lowest order is taken; a choice against noise in the score.
 MAX_SIMPLER_RESIDUAL_RATIO = 1.05
 DEFAULT_NOISE_ORDER = 2  # a choice: one resonance of the noise, for which the poles need a pair

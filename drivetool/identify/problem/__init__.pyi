@@ -6,4 +6,4 @@ from .least_squares import (
     solve as solve,
     take_steps as take_steps,
 )
-from .problem import Normal as Normal, Point as Point, Problem as Problem
+from .problem import MIN_SPARE_SAMPLES as MIN_SPARE_SAMPLES, Normal as Normal, Point as Point, Problem as Problem

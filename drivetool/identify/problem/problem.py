@@ -13,6 +13,8 @@ from drivetool.drive.simulation import ObserverGains, Plant, Trace
 # The plants that each thread used last, with and without sensitivities: a search for a noise makes pass after pass
 # with the same plants, whose modes are then computed already.
 _plants_by_thread = threading.local()
+# Samples beyond the number of unknowns. A choice: fewer leave no estimate of the noise.
+MIN_SPARE_SAMPLES = 20
 
 
 @dataclass(frozen=True)

@@ -1,5 +1,5 @@
 from .by_record import as_recorded as as_recorded, shared_by_some as shared_by_some
-from .options import Options as Options
+from .options import HELD_OUT_SHARE as HELD_OUT_SHARE, Options as Options
 from .rates import at_rates as at_rates, rates_left_out as rates_left_out
 from .sampled_response import HeldResponse as HeldResponse
 from .setup import (

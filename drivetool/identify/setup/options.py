@@ -11,6 +11,9 @@ from drivetool.identify.setup.start import KnownStart
 Criterion = Literal["auto", "innovations", "simulation", "frequency", "inverse"]
 Method = Literal["speeds", "acceleration", "coast-down"]
 Weighting = Literal["variance", "coherence"]
+# Of every recording, left out of a fit to compare fits by it. A choice, usual in cross-validation: more leaves too
+# little to fit, less too little to compare.
+HELD_OUT_SHARE = 0.3
 OF_ONE_STEP = {"of_one_step": True}  # of a field: result files list it only where it differs from its default
 
 

@@ -15,7 +15,7 @@ import numpy as np
 
 from drivetool.drive import RECORD_MARK, DampingLaw, is_constant
 from drivetool.errors import DriveToolError, Finding
-from drivetool.identify.noise import Noise, fit_innovations, fit_ratio, polish, until_converged
+from drivetool.identify.noise import MAX_REPEATED_FITS, Noise, fit_innovations, fit_ratio, polish, until_converged
 from drivetool.identify.setup import Options, Outcome, Task, first_point
 from drivetool.identify.shaft_torque.dead_stretches import Crossings, crossings
 from drivetool.identify.starts import log_likelihood_distance
@@ -23,7 +23,6 @@ from drivetool.identify.starts import log_likelihood_distance
 MIN_LAW_LEAD = 7.0  # log likelihood by which one law must lead: odds of a thousand to one
 # Of the contact's damping, as start values: the dead stretches identify it to a third.
 START_DAMPING_SHARES = (0.6, 1.0, 1.6)
-MAX_REPEATED_FITS = 4  # fits in a row until one converges; a choice that bounds the time of a fit that does not
 # Log likelihood behind the likeliest start, a choice: further behind, a start is given up.
 MAX_GAP_START_LOSS = 300.0
 LAW_DESCRIPTIONS = {"inside": "the damping acts in contact only",

@@ -23,7 +23,7 @@ PRECHECK_STEPS = 1000  # steps; a choice: enough to recognise most fine clocks w
 # Steps of two lengths, one twice the other, come from two writers that take turns; a logger loses fewer samples.
 MAX_LOST_SHARE = 0.1
 # A choice: fewer samples of a stretch do not determine the slope of its line.
-MIN_STRETCH_SAMPLES = 50
+MIN_LINE_SAMPLES = 50
 # At least this share of the samples with a repeated stamp has new values; otherwise the rows were logged twice.
 # A coarse sensor at standstill repeats its values for half a record, seldom for longer.
 MIN_NEW_VALUE_SHARE = 0.05
@@ -38,7 +38,7 @@ def restore_uniform_times(time: np.ndarray, values: Sequence[np.ndarray] = ()) -
             the stamps are no multiples of one, or where no uniform clock explains them
     """
     steps = np.diff(time)
-    if len(time) < MIN_STRETCH_SAMPLES or np.ptp(steps) <= JITTER_TOLERANCE * steps.mean():
+    if len(time) < MIN_LINE_SAMPLES or np.ptp(steps) <= JITTER_TOLERANCE * steps.mean():
         return None
     median = float(np.median(steps))
     usual = median or float(np.ptp(time)) / (len(time) - 1)
@@ -117,11 +117,11 @@ def _split_at_lost_samples(time: np.ndarray, place: np.ndarray, resolution: floa
     while todo:
         first, last = todo.pop()
         off = time[first:last] - _fit_stamp_line(time[first:last], place[first:last])
-        if np.ptp(off) <= MAX_LINE_DEVIATION * resolution or last - first < 2 * MIN_STRETCH_SAMPLES:
+        if np.ptp(off) <= MAX_LINE_DEVIATION * resolution or last - first < 2 * MIN_LINE_SAMPLES:
             done.append((first, last))
             continue
         at = first + 1 + int(np.argmax(np.abs(np.cumsum(off - off.mean())[:-1])))
-        if min(at - first, last - at) < MIN_STRETCH_SAMPLES:
+        if min(at - first, last - at) < MIN_LINE_SAMPLES:
             done.append((first, last))
             continue
         todo += [(first, at), (at, last)]

@@ -8,14 +8,11 @@ from itertools import pairwise
 
 import numpy as np
 
-from drivetool.logs import INPUTS
+from drivetool.logs import INPUTS, MIN_SAMPLES
 from drivetool.logs.clocks.clean_stamps import Clock
 from drivetool.logs.clocks.rate import MIN_RATE_RATIO, MIN_REGULAR_STEPS_SHARE
 from drivetool.logs.clocks.resample import CleanSignals, refuse_single, with_leader
 
-# A rate lasts for at least so many samples, as an experiment does (door/build.py, MIN_SAMPLES). The median of
-# 2 n - 1 steps changes only where at least n of them have another length.
-MIN_RATE_SAMPLES = 50
 Window = tuple[float, float]
 
 
@@ -42,12 +39,13 @@ def find_rates(time: np.ndarray) -> list[Rate]:
     returns  empty where there is one rate, or no such rates
     """
     steps = np.diff(time)
-    if len(steps) < 2 * MIN_RATE_SAMPLES or not _may_change(steps):
+    if len(steps) < 2 * MIN_SAMPLES or not _may_change(steps):
         return []
     from scipy.ndimage import median_filter
 
+    # The median of 2 n - 1 steps changes only where at least n of them have another length.
     label = _merge_short_runs(_rate_groups(np.log(
-        median_filter(steps, size=2 * MIN_RATE_SAMPLES - 1, mode="nearest"))))
+        median_filter(steps, size=2 * MIN_SAMPLES - 1, mode="nearest"))))
     usual = np.array([float(np.median(steps[label == k])) for k in range(label.max() + 1)])
     nearest = np.argmin(np.abs(np.log(steps)[:, None] - np.log(usual)), axis=1)
     at_own_rate = (nearest == label) & (np.abs(steps - usual[label]) < 0.5 * usual[label])
@@ -85,7 +83,7 @@ def _may_change(steps: np.ndarray) -> bool:
     """Whether of so many steps (n,) in a row most are off the usual one by half of what makes two rates."""
     off = np.abs(np.log(steps / np.median(steps))) > 0.5 * np.log(MIN_RATE_RATIO)
     total = np.concatenate([[0], np.cumsum(off)])
-    return bool((total[MIN_RATE_SAMPLES:] - total[:-MIN_RATE_SAMPLES]).max() > MIN_RATE_SAMPLES // 2)
+    return bool((total[MIN_SAMPLES:] - total[:-MIN_SAMPLES]).max() > MIN_SAMPLES // 2)
 
 
 def _rate_groups(local: np.ndarray) -> np.ndarray:
@@ -97,10 +95,10 @@ def _rate_groups(local: np.ndarray) -> np.ndarray:
 def _merge_short_runs(label: np.ndarray) -> np.ndarray:
     """Labels (n,) in which every run lasts, numbered anew: a shorter one counts with what is before it."""
     runs = list(pairwise([0, *(np.flatnonzero(np.diff(label)) + 1).tolist(), len(label)]))
-    now = next((label[a] for a, b in runs if b - a >= MIN_RATE_SAMPLES), label[0])
+    now = next((label[a] for a, b in runs if b - a >= MIN_SAMPLES), label[0])
     found = np.empty_like(label)
     for a, b in runs:
-        now = label[a] if b - a >= MIN_RATE_SAMPLES else now
+        now = label[a] if b - a >= MIN_SAMPLES else now
         found[a:b] = now
     return np.unique(found, return_inverse=True)[1].reshape(-1)
 

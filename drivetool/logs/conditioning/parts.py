@@ -10,8 +10,8 @@ from itertools import pairwise
 import numpy as np
 
 from drivetool.errors import BadOption, Finding, NotEnoughData
-from drivetool.logs import INPUTS, Signal, usual_step
-from drivetool.logs.conditioning.steps import MIN_SAMPLES_LEFT, ConditioningStep
+from drivetool.logs import INPUTS, MIN_SAMPLES, Signal, usual_step
+from drivetool.logs.conditioning.steps import ConditioningStep
 
 Part = tuple[float, float]
 WHOLE_RECORDING: tuple[Part, ...] = ((0.0, math.inf),)
@@ -71,8 +71,8 @@ def cut_signals(signals: Mapping[str, Signal], leader: str, steps: Sequence[Cond
                     "omit": f"{before - remaining} samples left out"}
         findings.append(Finding("note", "conditioned", f"{log}: {each.text}: {outcomes[each.name]}.",
                                 {"step": each.name, **each.finite_numbers, "samples": remaining}))
-        if remaining < MIN_SAMPLES_LEFT:
-            raise NotEnoughData(f"at least {MIN_SAMPLES_LEFT} samples of {log} after {each.text}", f"{remaining}",
+        if remaining < MIN_SAMPLES:
+            raise NotEnoughData(f"at least {MIN_SAMPLES} samples of {log} after {each.text}", f"{remaining}",
                                 "Leave more of it.")
         before = remaining
     if not findings:

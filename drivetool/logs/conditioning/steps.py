@@ -22,7 +22,7 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from drivetool.errors import BadOption, Finding, NotEnoughData, nearest
-from drivetool.logs import INPUTS, ROLES, Experiment, ordered_roles, role_of
+from drivetool.logs import INPUTS, MIN_SAMPLES, ROLES, Experiment, ordered_roles, role_of
 from drivetool.logs.samples import differentiate, low_pass, remove_spikes
 
 
@@ -58,7 +58,6 @@ _OPTIONS: dict[str, dict[str, tuple[float | None, float, bool]]] = {
     "omit": {"from": (None, 0.0, False), "to": (None, 0.0, False)},
 }
 _ALL_CHANNELS = ("lowpass", "decimate", "keep", "omit")
-MIN_SAMPLES_LEFT = 50  # samples that a step must leave, as an experiment needs (MIN_SAMPLES in door/build.py)
 
 
 def parse_step(text: str) -> ConditioningStep:
@@ -252,8 +251,8 @@ def _integrate(experiment: Experiment, step: ConditioningStep) -> StepResult:
 
 def _require_samples(segments: Sequence[tuple[int, int]], experiment: Experiment, step: ConditioningStep,
                      do: str) -> None:
-    if (left := sum(b - a for a, b in segments)) < MIN_SAMPLES_LEFT:
-        raise NotEnoughData(f"at least {MIN_SAMPLES_LEFT} samples of {experiment.name} after {step.text}",
+    if (left := sum(b - a for a, b in segments)) < MIN_SAMPLES:
+        raise NotEnoughData(f"at least {MIN_SAMPLES} samples of {experiment.name} after {step.text}",
                             f"{left}", do)
 
 

@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 
 from drivetool.errors import BadRecording, Finding, NotEnoughData
-from drivetool.logs import INPUTS, Experiment, Recording, is_motion, quantity
+from drivetool.logs import INPUTS, MIN_SAMPLES, Experiment, Recording, is_motion, quantity
 from drivetool.logs.channels import ChannelMap, choose_channels, shared_units, to_signals
 from drivetool.logs.clocks import CleanSignals, Rate, at_rate, clean_signals, find_rates, leader_of, onto_grid
 from drivetool.logs.conditioning import (
@@ -24,10 +24,7 @@ from drivetool.logs.conditioning import (
 from drivetool.logs.formats import read_recording
 from drivetool.logs.samples import compare_speed_and_angle, quantised_speed_findings, unmeasured_findings
 
-# A choice: fewer samples identify no parameter of a drive. A segment shorter than MIN_SEGMENT is used up by the
-# estimation of its own initial states.
-MIN_SAMPLES = 50
-MIN_SEGMENT = 10
+MIN_SEGMENT = 10  # samples; a shorter segment is used up by the estimation of its own initial states
 
 
 def open_experiment(path: str | Path, channel_map: ChannelMap | None = None,

@@ -4,8 +4,10 @@ from __future__ import annotations
 
 import numpy as np
 
-# A median absolute deviation of normal noise times this, 1 / 0.6745, is its standard deviation.
+# A median absolute deviation of normal noise times this is its standard deviation.
 STD_PER_MAD = 1.4826
+# The reciprocal to four digits: 1 / 0.6745 is less than 1.4826 by 1e-5 of it.
+MAD_PER_STD = 0.6745
 # Samples of a running median at once. A choice: windows of all samples at once would fill the memory.
 MEDIAN_BLOCK_SAMPLES = 100_000
 
@@ -14,7 +16,7 @@ def remove_spikes(values: np.ndarray, window: int = 7, threshold: float = 5.0) -
     """Spikes replaced by the running median.
 
     values     (n,), NaN where missing; window: samples around each one, made odd
-    threshold  in 1.4826 median absolute deviations from the running median, those of the window and
+    threshold  in STD_PER_MAD median absolute deviations from the running median, those of the window and
                of the whole, and more than one quantisation step
     returns    (n,) values, (n,) whether each was a spike
     source     Hampel 1974; the deviation of the whole is a floor, since that of few samples varies

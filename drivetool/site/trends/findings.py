@@ -7,11 +7,12 @@ from collections.abc import Mapping, Sequence
 
 from drivetool.errors import Finding
 from drivetool.logs.formats import Row
+from drivetool.site.trends.alarm import DEFAULT_ALARM_RATIO
 from drivetool.site.trends.change_points import MIN_SERIES_LENGTH
 from drivetool.site.trends.outliers import Outlier
 from drivetool.site.trends.sentences import drift_text, lower_first_letter, outlier_text, series_subject, step_text
 from drivetool.site.trends.series import Series, series_of, without_copies
-from drivetool.site.trends.trend import DEFAULT_ALARM_RATIO, Change, Drift, Trend, trends
+from drivetool.site.trends.trend import Change, Drift, Trend, trends
 
 MAX_NAMES_LISTED = 5  # A choice: names in a readable sentence; the rest is counted.
 # Times 1 / sqrt(n), the standard deviation of the correlation of n independent recordings: one in 700 exceeds it.

@@ -8,6 +8,7 @@ from itertools import pairwise
 
 import numpy as np
 
+from drivetool.site.trends.alarm import DEFAULT_ALARM_RATIO
 from drivetool.site.trends.change_points import MIN_SERIES_LENGTH, ChangeModel, model_columns, select_model
 from drivetool.site.trends.day_means import TestedSeries, tested_series
 from drivetool.site.trends.outliers import Outlier, outliers_of
@@ -16,9 +17,6 @@ from drivetool.site.trends.regression import WeightedFit, weighted_fit
 from drivetool.site.trends.series import SECONDS_PER_DAY, Series
 from drivetool.site.trends.weights import robust_weights
 
-# Standard deviations of the runs before. A choice: a change from which a visit to the machine is worth while. With
-# enough recordings far smaller changes are significant, but need no visit.
-DEFAULT_ALARM_RATIO = 5.0
 MIN_DAYS_FOR_SLOPE = 3  # a line over two days has no residual for its interval
 TESTS_PER_SERIES = 3  # a drift, steps, and outliers
 

@@ -4,15 +4,15 @@ from __future__ import annotations
 
 import numpy as np
 
+from drivetool.logs.samples import MAD_PER_STD
 from drivetool.site.trends.regression import RELATIVE_ROUNDING
 
 # Recordings of the running median. It preserves a step with three recordings on either side, two at an end.
-MEDIAN_WINDOW = 5
+MEDIAN_RECORDINGS = 5
 # Standard deviations from the running median beyond which a recording has less weight. Of normal values 3 in 1000
 # are beyond; of heavy tails the extreme ones, which would shift a mean of few recordings.
 FULL_WEIGHT_DISTANCE = 4.0
-# Median of |x| and of x^2 for a standard normal x: they turn medians into a standard deviation and a variance.
-MEDIAN_TO_STD, MEDIAN_OF_CHI2 = 0.6745, 0.4549
+MEDIAN_OF_CHI2 = 0.4549  # median of x^2 for a standard normal x: it turns a median into a variance
 
 
 def scatter_weights(values: np.ndarray, variances: np.ndarray) -> np.ndarray:
@@ -48,11 +48,11 @@ def robust_weights(values: np.ndarray, variances: np.ndarray) -> np.ndarray:
 def outlier_factors(values: np.ndarray, weights: np.ndarray) -> np.ndarray:
     """(n,) factors up to 1 that reduce the weight of recordings far off the running median; weights (n,) before."""
     deviations = np.abs(values - running_median(values)) * np.sqrt(weights)
-    scale = float(np.median(deviations[deviations > 0.0])) / MEDIAN_TO_STD if np.any(deviations > 0.0) else 1.0
+    scale = float(np.median(deviations[deviations > 0.0])) / MAD_PER_STD if np.any(deviations > 0.0) else 1.0
     return np.minimum(1.0, FULL_WEIGHT_DISTANCE * scale / np.maximum(deviations, scale)) ** 2
 
 
 def running_median(values: np.ndarray) -> np.ndarray:
-    """(n,) median over MEDIAN_WINDOW recordings, over fewer at the ends."""
-    half = MEDIAN_WINDOW // 2
+    """(n,) median over MEDIAN_RECORDINGS recordings, over fewer at the ends."""
+    half = MEDIAN_RECORDINGS // 2
     return np.array([np.median(values[max(i - half, 0):i + half + 1]) for i in range(len(values))])
