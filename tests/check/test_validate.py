@@ -163,7 +163,7 @@ def test_a_model_that_explains_less_than_a_constant_fails_unless_requested(min_f
     assert [f.code for f in failures] == {None: ["explains-nothing"], -200.0: [], -100.0: ["limit-missed"]}[
         min_fit]
     if min_fit is None:
-        assert "less of the motor speed in prbs1" in failures[0].text and "-172.6 %" in failures[0].text
+        assert "the motor speed in prbs1" in failures[0].text and "-172.6 %" in failures[0].text
         assert found.verdict.startswith("Not passed: the simulation explains nothing (fit -172.6 %)")
 
 
@@ -327,7 +327,7 @@ def test_exit_codes_and_files_at_the_command_line(tmp_path, monkeypatch, capfd):
     assert sorted(p.name for p in Path("p").iterdir()) == [
         "validate-steps_holdout-correlation.png", "validate-steps_holdout-record.png"]
     code, told, talk = call("-p", "idle.yaml", "--max-correlation", "1")
-    assert code == 3 and not told["passed"] and "failure" in talk and "less of the motor speed" in talk
+    assert code == 3 and not told["passed"] and "failure" in talk and "worse than its mean" in talk
     assert call("-p", "idle.yaml", "--max-correlation", "1", "--min-fit", "-100")[0] == 0
     for bar in (("--min-fit", "99.99"), ("--max-correlation", "0.001")):
         code, file, talk = call("-p", "good.yaml", *bar)

@@ -162,7 +162,7 @@ def test_a_torque_that_may_be_forgotten_is_required(here, call):
 def test_what_a_record_adds_to_an_inertia_that_is_not_known_is_refused(coast, call):
     code, _, err = call("validate", "run50.parquet", "--params", coast, "--record", "run50.parquet",
                         "motor.added_inertia=5e-5")
-    assert code == 1 and "a known inertia beside motor.added_inertia" in err
+    assert code == 1 and "a known inertia in addition to motor.added_inertia" in err
 
 
 def test_ratios_have_their_covariance_in_the_file(here, coast, call):

@@ -40,7 +40,7 @@ def test_an_unknown_code_is_refused_with_the_nearest(call):
     assert code == 2 and not out and "Did you mean 'trend-alarm'?" in err
 
 
-@pytest.mark.parametrize("words, said", [((), "drivetool findings CODE says"), (("small-change",), "what to do")])
+@pytest.mark.parametrize("words, said", [((), "drivetool findings CODE gives"), (("small-change",), "what to do")])
 def test_a_terminal_gets_a_table(call, monkeypatch, words, said):
     monkeypatch.setattr("sys.stdout.isatty", lambda: True, raising=False)
     code, out, _ = call("findings", *words)

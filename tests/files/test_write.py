@@ -254,8 +254,8 @@ def test_a_suspect_structure_marks_the_intervals():
     file = estimate_file(replace(ESTIMATE, findings=(finding,)))
     reasons = {name: entry.reason for name, entry in file.parameters.items()}
     stated = {p.name for p in ESTIMATE.parameters if p.std is not None}
-    assert {n for n, r in reasons.items() if "nothing is missing" in r} == stated
-    assert show(tables.print_estimate, file).count("nothing is missing") == 1
+    assert {n for n, r in reasons.items() if "assumes a complete model" in r} == stated
+    assert show(tables.print_estimate, file).count("assumes a complete model") == 1
     assert "nothing is missing" not in show(tables.print_estimate, estimate_file(ESTIMATE))
 
 

@@ -257,7 +257,7 @@ def one_jerk():
 REFUSED = {
     "none": (lambda: [swinging()], ["intervals of constant speed", "none in log.parquet", "several speeds"]),
     "standstill": (lambda: [one_jerk()], ["other than zero", "only standstill"]),
-    "scatter": (scattered, ["on a line", "scatter", "Keep the load constant"]),
+    "scatter": (scattered, ["close to a friction line", "scatter", "Keep the load constant"]),
 }
 
 
