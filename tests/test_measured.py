@@ -12,7 +12,7 @@ import pytest
 import yaml
 
 from drivetool.check import diagnose
-from drivetool.check.outcome import UNLISTED, DiagnoseOptions
+from drivetool.check.outcome import OUTSIDE_CATALOGUE, DiagnoseOptions
 from drivetool.drive import one_body, two_mass
 from drivetool.identify.frequency import SpectraOptions, spectra
 from drivetool.identify.greybox import default_free, greybox
@@ -201,7 +201,8 @@ def test_emps_lacks_friction_by_direction_and_a_ripple_of_its_screw(tmp_path):
     done = run(tmp_path, ["diagnose", log, *both, "--params", "base.yaml", "--out", "extended.yaml",
                           "--candidates", "asymmetric-friction,torque-ripple,quadratic-drag,stribeck-motor"])
     answer = read(tmp_path / "extended.yaml", done.stderr)
-    assert answer.verdict == "undetermined" and answer.between == ("asymmetric-friction", "torque-ripple", UNLISTED)
+    assert answer.verdict == "undetermined" and answer.between == ("asymmetric-friction", "torque-ripple",
+                                                                   OUTSIDE_CATALOGUE)
     found = {name.removeprefix("motor."): p["value"] for name, p in answer.parameters.items()}
     assert found["viscous_asymmetry"] == pytest.approx(-36.9, abs=3.0)  # published: +-18.4 about 203.5, halved
     orders = sorted(v for n, v in found.items() if n.endswith("_order"))

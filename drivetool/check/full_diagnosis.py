@@ -180,7 +180,7 @@ def search_records(request: Request, records: Sequence[Experiment], drive: Drive
         raise NotEnoughData("test records longer than their initial transients", "initial transients only",
                             "Record longer, or leave out --holdout: then halves of the records test each other.")
     root, alternatives = base_and_alternatives(task_of(train, drive, request.free, roles), request)
-    wanted, possible = (not_ruled_out(codes, records) for codes in (request.wanted, tuple(CAUSES)))
+    wanted, possible = (without_excluded_filter(codes, records) for codes in (request.wanted, tuple(CAUSES)))
     search = ForwardSelection(root, split, wanted, frozenset(possible), request.options, alternatives)
     result = search_causes(search, faults, request.notes, train)
     origin = first = result.origin
@@ -214,7 +214,7 @@ def base_and_alternatives(task: Task, request: Request) -> tuple[Model, tuple[Mo
     found = []
     for values in ({}, {n: request.initial_fit[n] for n in task.free if n in request.initial_fit}):
         initial = task.at(values)
-        if (values or not found) and has_left_start(root, {n: initial.drive.value(n) for n in task.free}):
+        if (values or not found) and has_diverged_from_start(root, {n: initial.drive.value(n) for n in task.free}):
             found.append(fit_from_start(initial, masks, max_iterations=0))
     if found:
         # The start values may be biased as well: the likelier end is the base.
@@ -224,7 +224,7 @@ def base_and_alternatives(task: Task, request: Request) -> tuple[Model, tuple[Mo
     return with_parts(root, masks), tuple(found[:1])
 
 
-def has_left_start(root: Model, values: Mapping[str, float | None]) -> bool:
+def has_diverged_from_start(root: Model, values: Mapping[str, float | None]) -> bool:
     """Whether an inertia, stiffness, damping or gap differs from its start by more than starts are wrong."""
     return any(n.endswith(SHAPE_SUFFIXES) and values[n]
                and not values[n] / MAX_START_FACTOR < v < values[n] * MAX_START_FACTOR
@@ -310,7 +310,7 @@ def causes_not_modelled(wanted: Sequence[str], drive: Drive) -> list[str]:
     return [c for c in wanted if not (c == "speed-filter" and np.isfinite(drive.value("sensor.bandwidth")))]
 
 
-def not_ruled_out(wanted: Sequence[str], experiments: Sequence[Experiment]) -> list[str]:
+def without_excluded_filter(wanted: Sequence[str], experiments: Sequence[Experiment]) -> list[str]:
     """The remaining causes: a logged angle can show that the speed is not filtered."""
     lags = [speed_delay(e) for e in experiments]
     undelayed = all(found is not None and abs(found.lag) + 3.0 * found.std < MIN_DELAY_SAMPLES * e.step

@@ -13,9 +13,9 @@ from .experiment import (
     start_date as start_date,
 )
 from .grid import (
-    BRIDGE_STEPS as BRIDGE_STEPS,
     GAP_STEPS as GAP_STEPS,
     JITTER_TOLERANCE as JITTER_TOLERANCE,
+    MAX_STEPS_WITHIN_SEGMENT as MAX_STEPS_WITHIN_SEGMENT,
     MIN_SAMPLES as MIN_SAMPLES,
     STEP_TOLERANCE as STEP_TOLERANCE,
     Grid as Grid,

@@ -9,9 +9,9 @@ import numpy as np
 
 # Samples at most so many steps from each other belong to one segment. One or two lost samples are usual in a
 # logger, and a torque held that long is hardly wrong; across more the motion is unknown.
-BRIDGE_STEPS = 3.0
+MAX_STEPS_WITHIN_SEGMENT = 3.0
 # Half way to the next sample: beyond it, a stamp belongs to a later sample and is no late one.
-GAP_STEPS = BRIDGE_STEPS + 0.5
+GAP_STEPS = MAX_STEPS_WITHIN_SEGMENT + 0.5
 # Stamps within this share of a step count as uniform. A choice, above the jitter of loggers; more is resampled.
 JITTER_TOLERANCE = 0.05
 # Steps that differ by less than this share are equal: jitter changes the median by a few per cent.

@@ -14,7 +14,7 @@ from drivetool.files.yaml import counted_noun
 from drivetool.logs.formats import read_summary
 from drivetool.site.batch_request import BatchRequest, CommandLine
 from drivetool.site.plan import RunOptions, find_recordings, load_site, steps_of, with_recordings
-from drivetool.site.pool import Executor, Limits, Pool, Runner, check_memory_limit, cluster, numerics
+from drivetool.site.pool import Executor, Limits, Pool, Runner, check_memory_limit, cluster, library_versions
 from drivetool.site.results import (
     OVERVIEW_PAGE,
     SUMMARY_CSV,
@@ -51,7 +51,7 @@ def run(request: BatchRequest, line: CommandLine) -> bool:
     def options(executor: Executor | None) -> RunOptions:
         explain = (lambda text: request.write_stdout(f"{text}\n")) if request.explain else None
         bounds = {"time": limits.seconds, "memory": limits.memory_mb}
-        return RunOptions(folder, out, steps, bounds, numerics(), executor, say, explain, request.retry)
+        return RunOptions(folder, out, steps, bounds, library_versions(), executor, say, explain, request.retry)
 
     if request.verify:
         return _verify_results(request, run_site(options(None), recordings, read_manifest(out)), site, out)

@@ -31,7 +31,7 @@ from drivetool.tune.optimisation import (
     variation_study,
 )
 from drivetool.tune.pictures import pictures
-from drivetool.tune.simulation import has_gap, kick_responses, safe_gain
+from drivetool.tune.simulation import disturbance_responses, has_gap, safe_gain
 from drivetool.tune.speed_loop import Configuration, Wiring, build, check_wiring, margins, max_sensitivity
 
 # Added to the seed for draws on which a robust design is validated. Any number but 0: a prime far from usual seeds.
@@ -118,7 +118,7 @@ def _tune_configuration(drive: Drive, wiring: Wiring, options: TuneOptions, draw
         wiring, settings, found.value, _active_limit(nominal, found, options), factors(loop, settings),
         margins(nominal.plant, settings), variation_study(drive, wiring, settings),
         spread_of_figures(draws, wiring, settings, options.limits.sensitivity) if draws else None, fresh_share,
-        kick_responses(loop, settings), safe_gain(loop, settings) if has_gap(drive) else None)
+        disturbance_responses(loop, settings), safe_gain(loop, settings) if has_gap(drive) else None)
 
 
 def _active_limit(nominal: TuningProblem, found: Optimum, options: TuneOptions) -> str:

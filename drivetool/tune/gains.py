@@ -9,7 +9,7 @@ from drivetool.drive import Drive
 from drivetool.errors import Finding
 from drivetool.identify.estimate import Covariance
 from drivetool.tune.optimisation import Criterion, Factors, FigureSpread, TuneLimits, Variation
-from drivetool.tune.simulation import KickResponse
+from drivetool.tune.simulation import DisturbanceResponse
 from drivetool.tune.speed_loop import Configuration, DeadTimeForm, Margins, Settings, Wiring
 
 
@@ -76,7 +76,7 @@ class Design:
     variations: tuple[Variation, ...]
     spread: FigureSpread | None = None
     kept: float | None = None
-    watches: tuple[KickResponse, ...] = ()
+    watches: tuple[DisturbanceResponse, ...] = ()
     safe_gain: float | None = None
 
 

@@ -9,7 +9,7 @@ import numpy as np
 
 from drivetool.tune.gains import Design, Gains
 from drivetool.tune.optimisation import Draws, FigureSpread, criterion_values, impact_drops, signals
-from drivetool.tune.simulation import KickResponse
+from drivetool.tune.simulation import DisturbanceResponse
 from drivetool.tune.speed_loop import Loop, Plant, build, plant, with_fine_peaks
 
 # Of a plane, over a factor of 64. A choice: finer contours cost time with the square of it.
@@ -17,7 +17,7 @@ POINTS_PER_AXIS = 72
 
 
 @dataclass(frozen=True)
-class Plane:
+class GainTimeMap:
     """Figures over integral time and gain on logarithmic axes; infinite where the loop is unstable.
 
     kind      criterion-plane or impact-drop-plane
@@ -84,7 +84,7 @@ class LimitCyclePlotData:
 
     kind: str
     title: str
-    watches: tuple[KickResponse, ...]
+    watches: tuple[DisturbanceResponse, ...]
     speed_unit: str
     torque_unit: str
     half_gap: float
@@ -115,7 +115,8 @@ def pictures(gains: Gains, draws: Draws | None) -> tuple[object, ...]:
     return tuple(found)
 
 
-def planes(gains: Gains, design: Design, loop: Loop, own_plant: Plant, prefix: str, heading: str) -> list[Plane]:
+def planes(gains: Gains, design: Design, loop: Loop, own_plant: Plant, prefix: str,
+           heading: str) -> list[GainTimeMap]:
     """The criterion, and both impact drops, over Ti and Kp around the optimum."""
     options, best = gains.options, design.settings
     times = best.integral_time * np.geomspace(1.0 / 8.0, 8.0, POINTS_PER_AXIS)
@@ -131,11 +132,11 @@ def planes(gains: Gains, design: Design, loop: Loop, own_plant: Plant, prefix: s
     at, limit = (best.integral_time, best.gain), options.limits.sensitivity
     drop_unit = f"[{gains.drive.motion_unit}/{gains.drive.torque_unit}]"
     return [
-        Plane(f"{prefix}criterion-plane",
-              f"{heading}{options.criterion.name} of the load speed for a unit load step",
-              times, kps, unit, {options.criterion.name: cost}, ms, at, limit),
-        Plane(f"{prefix}impact-drop-plane", f"{heading}Impact drop {drop_unit}", times, kps, unit,
-              {"motor speed": drops[..., 0], "load speed": drops[..., 1]}, ms, at, limit)]
+        GainTimeMap(f"{prefix}criterion-plane",
+                    f"{heading}{options.criterion.name} of the load speed for a unit load step",
+                    times, kps, unit, {options.criterion.name: cost}, ms, at, limit),
+        GainTimeMap(f"{prefix}impact-drop-plane", f"{heading}Impact drop {drop_unit}", times, kps, unit,
+                    {"motor speed": drops[..., 0], "load speed": drops[..., 1]}, ms, at, limit)]
 
 
 def sensitivities(own: Plant, times: np.ndarray, kps: np.ndarray, second: float) -> np.ndarray:

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from drivetool.check.fit.model import all_samples, fit, sample_losses, sensor_variance, total_loss
-from drivetool.check.heldout.laplace_evidence import PRICE_OF_TWO_MODELS, laplace_loss, loss_with_uncertainty
+from drivetool.check.heldout.laplace_evidence import MODEL_AVERAGE_PENALTY, laplace_loss, loss_with_uncertainty
 from drivetool.identify.noise import filtered
 from drivetool.identify.problem import Point
 from tests.recover import one_sensor
@@ -63,7 +63,7 @@ def test_it_is_the_marginal_likelihood_of_a_linear_model(seed, block):
     exact = plain + 0.5 * (z[at] @ np.linalg.solve(spread_of, z[at]) - z[at] @ z[at]
                            + np.linalg.slogdet(spread_of)[1])
     assert laplace_loss(model, train, test) == pytest.approx(exact, abs=0.3)
-    assert loss_with_uncertainty(model, train, test, plain) <= min(plain, exact + 0.3) + PRICE_OF_TWO_MODELS
+    assert loss_with_uncertainty(model, train, test, plain) <= min(plain, exact + 0.3) + MODEL_AVERAGE_PENALTY
 
 
 def test_a_block_that_the_parameters_can_follow_is_not_given_up():

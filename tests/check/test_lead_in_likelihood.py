@@ -13,11 +13,11 @@ from drivetool.check.causes.catalogue import CAUSES
 from drivetool.check.fit.significance import SEARCHED_HYPOTHESES, log_chi2_tail
 from drivetool.check.heldout.folds import blocks_of
 from drivetool.check.heldout.free_run_error import FreeRuns, blocks_under_test, gain_of
-from drivetool.check.heldout.scores import Score, scan_price, total_evidence, training_evidence
+from drivetool.check.heldout.scores import Score, log_scanned_values, total_evidence, training_evidence
 from drivetool.check.outcome.diagnosis import Gain
 from drivetool.check.search import candidate_report, heldout_test, search as searching
 from drivetool.check.search.candidate_fit import CandidateFit
-from drivetool.check.search.decision import Decision, decide, ties
+from drivetool.check.search.decision import Decision, decide, is_equivalent
 from drivetool.check.search.search import ForwardSelection
 from drivetool.drive.simulation import Trace
 from drivetool.identify.noise import minus_log_likelihood
@@ -118,8 +118,8 @@ def test_a_special_case_in_a_worse_optimum_restarts_from_the_end_of_the_law(monk
 def test_rivals_that_look_alike_tie_where_the_whole_record_is_as_likely(lead, tied):
     best = score(300.0, 2.0 * AGREES, code="dead-time")
     for gains in (1.2 * AGREES, -0.1 * AGREES):  # whatever half of the record said of the other half
-        assert ties(score(lead, gains, code="converter-lag"), best) == tied
-    assert not ties(score(lead, 1.2 * AGREES), best)  # others are separated by held-out data
+        assert is_equivalent(score(lead, gains, code="converter-lag"), best) == tied
+    assert not is_equivalent(score(lead, 1.2 * AGREES), best)  # others are separated by held-out data
 
 
 @pytest.mark.parametrize(("lead", "tied"), [(275.0, True), (200.0, False)])
@@ -127,16 +127,16 @@ def test_where_blocks_decide_by_half_the_whole_record_may_decide(lead, tied):
     """Blocks scatter by more than they differ on average: then a tenth of the best cause's gain decides."""
     scattered = 20.0 + 100.0 * np.array([1.0, -1.0, 1.0, -1.0, 1.0, -1.0, 1.0, -1.0])
     best = score(300.0, 60.0 + scattered, code="backlash")
-    assert ties(score(lead, np.full(8, 60.0), code="hardening-stiffness"), best) == tied
-    assert ties(score(lead, np.full(8, 60.0), code="quadratic-drag"), best)  # by data held out alone
+    assert is_equivalent(score(lead, np.full(8, 60.0), code="hardening-stiffness"), best) == tied
+    assert is_equivalent(score(lead, np.full(8, 60.0), code="quadratic-drag"), best)  # by data held out alone
 
 
 @pytest.mark.parametrize(("rival", "tied"), [("converter-lag", True), ("dead-time", False)])
 def test_where_noise_enters_does_not_separate_a_lag_from_a_filter(rival, tied):
     """As little as the motion does: a lag of the torque makes that of a filter, and a dead time does not."""
     best, one = score(300.0, 2.0 * AGREES, code="speed-filter"), score(100.0, 0.1 * AGREES, code=rival)
-    assert ties(one, best, lambda *_: True) is tied
-    assert not ties(one, best)
+    assert is_equivalent(one, best, lambda *_: True) is tied
+    assert not is_equivalent(one, best)
 
 
 def test_records_without_a_cause_are_not_found_more_often_than_the_budget_says():
@@ -279,8 +279,9 @@ def test_what_the_whole_record_was_searched_for_has_its_price_once():
 
     plain, ripple = freeing("motor.inertia"), freeing("motor.inertia", "motor.ripple_sine", "motor.ripple_order")
     both = freeing(*ripple.task.free, "load.drag")
-    assert scan_price(ripple, plain) > np.log(100.0)
-    assert scan_price(freeing("motor.inertia", "load.drag"), plain) == scan_price(both, ripple) == 0.0
+    assert log_scanned_values(ripple, plain) > np.log(100.0)
+    assert log_scanned_values(freeing("motor.inertia", "load.drag"), plain) == log_scanned_values(both,
+                                                                                                  ripple) == 0.0
 
 
 @pytest.mark.parametrize(("differences", "tied"), [
@@ -290,13 +291,13 @@ def test_what_the_whole_record_was_searched_for_has_its_price_once():
     ([20.0, 22.0, 21.0, 25.0, 24.0, 20.0, 23.0, 22.0], False)])
 def test_two_causes_are_separated_where_the_blocks_agree(differences, tied):
     best = score(500.0, np.full(8, 100.0))
-    assert ties(score(450.0, best.gains - np.array(differences), code="other"), best) is tied
+    assert is_equivalent(score(450.0, best.gains - np.array(differences), code="other"), best) is tied
 
 
 def test_known_look_alikes_are_separated_by_their_whole_scatter_only():
     best = score(500.0, np.full(8, 100.0), code="speed-filter")
     lag = score(450.0, best.gains - [2.8, 6.5, 0.4, 0.4, 23.9, 2.2, -1.3, 2.6], code="converter-lag")
-    assert ties(lag, best)
+    assert is_equivalent(lag, best)
 
 
 def test_free_runs_skip_blocks_without_a_measurement():

@@ -11,7 +11,7 @@ from drivetool.check.causes.catalogue import CAUSES
 from drivetool.check.fit.model import Model
 from drivetool.check.search import masked_causes
 from drivetool.check.search.decision import Decision
-from drivetool.check.search.masked_causes import doubtful, find_masked_causes
+from drivetool.check.search.masked_causes import find_masked_causes, is_inconclusive
 from drivetool.check.search.search import Expansion, Node
 from drivetool.drive import two_mass
 from drivetool.drive.chain import three_mass
@@ -40,7 +40,7 @@ def test_large_residuals_or_an_implausible_noise_are_doubtful(
     result = SimpleNamespace(found=SimpleNamespace(causes=causes), confident=confident,
                              left=SimpleNamespace(total=left), judged_gain=lambda: gain, first=SimpleNamespace(
                                  model=None), model=SimpleNamespace(noise=SimpleNamespace(ratio=share / NOISE)))
-    assert doubtful(result) is expected
+    assert is_inconclusive(result) is expected
 
 
 def step(node, code, value):

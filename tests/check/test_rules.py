@@ -9,7 +9,7 @@ from types import SimpleNamespace
 import pytest
 
 from drivetool.check.fit.residual_tests import ResidualTests
-from drivetool.check.outcome.diagnosis import UNLISTED, CandidateResult, Facts, Gain, Round
+from drivetool.check.outcome.diagnosis import OUTSIDE_CATALOGUE, CandidateResult, Facts, Gain, Round
 from drivetool.check.search.result import SelectedCauses
 from drivetool.check.verdict import facts as gathering
 from drivetool.check.verdict.facts import FACTS, facts_of
@@ -104,20 +104,21 @@ def test_every_rule_is_decided_by_somewhere():
 @pytest.mark.parametrize(("facts", "causes", "between", "doubt"), [
     (replace(CLEAR, faults=("wrong-sign",)), ("wrong-sign", "backlash"), (), ""),
     (replace(TIED, causes=("imbalance", "backlash")), ("imbalance",), TIED.between, ""),
-    (replace(TIED, after=0.9, floor=0.1, torque_noise=0.08), (), (*TIED.between, UNLISTED), ""),
-    (replace(PART, faults=("outliers",)), ("outliers",), ("backlash", UNLISTED),
+    (replace(TIED, after=0.9, floor=0.1, torque_noise=0.08), (), (*TIED.between, OUTSIDE_CATALOGUE), ""),
+    (replace(PART, faults=("outliers",)), ("outliers",), ("backlash", OUTSIDE_CATALOGUE),
      "87 % of the explainable residual remains"),
-    (replace(PART, between=TIED.between), (), (*TIED.between, UNLISTED),
+    (replace(PART, between=TIED.between), (), (*TIED.between, OUTSIDE_CATALOGUE),
      "87 % of the explainable residual remains"),
     (replace(PART, faults=("outliers",), unasked="imbalance"), ("outliers",), (), ""),
     # The scale of a shaft torque that a drive says which lacks something.
     (replace(NONE, left=26.0, faults=("outliers", "wrong-scale"), by_model=("wrong-scale",)), ("outliers",), (),
      ""),
     (replace(NONE, faults=("wrong-scale",), by_model=("wrong-scale",)), ("wrong-scale",), (), ""),
-    (replace(NOISY, causes=("imbalance", "backlash")), ("imbalance",), ("backlash", UNLISTED), ""),
-    (replace(CLEAR, hardly=("backlash",)), (), ("backlash", UNLISTED), WEAK_SUPPORT_TEXT),
-    (replace(LOADS, left=14.0), (), ("load-step", UNLISTED), SEVERAL_LOADS_TEXT),
-    (replace(LOADS, by_speed=0.91, causes=("backlash", "load-step")), ("backlash",), ("load-step", UNLISTED),
+    (replace(NOISY, causes=("imbalance", "backlash")), ("imbalance",), ("backlash", OUTSIDE_CATALOGUE), ""),
+    (replace(CLEAR, hardly=("backlash",)), (), ("backlash", OUTSIDE_CATALOGUE), WEAK_SUPPORT_TEXT),
+    (replace(LOADS, left=14.0), (), ("load-step", OUTSIDE_CATALOGUE), SEVERAL_LOADS_TEXT),
+    (replace(LOADS, by_speed=0.91, causes=("backlash", "load-step")), ("backlash",),
+     ("load-step", OUTSIDE_CATALOGUE),
      LOAD_BY_SPEED_TEXT)])
 def test_what_is_certain_and_what_it_may_be(facts, causes, between, doubt):
     found = apply_rules(facts)

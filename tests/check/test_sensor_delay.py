@@ -7,7 +7,7 @@ import pytest
 
 from drivetool.check.faults.record_faults import record_faults_of
 from drivetool.check.faults.sensor_delay import speed_delay
-from drivetool.check.full_diagnosis import not_ruled_out, with_speed_filter
+from drivetool.check.full_diagnosis import with_speed_filter, without_excluded_filter
 from drivetool.drive import two_mass
 from tests.hidden import greybox_options, make_case, write_start
 from tests.hidden.command import greybox_and_diagnose, read, run
@@ -47,7 +47,7 @@ def test_a_filter_that_is_found_joins_the_drive_and_one_that_is_not_there_is_rul
     drive, free = with_speed_filter(two_mass(), ["motor.inertia"], faults)
     assert drive.value("sensor.bandwidth") == pytest.approx(500.0, rel=0.1)  # two samples of a millisecond
     assert free == ("motor.inertia", "sensor.bandwidth")
-    assert not_ruled_out(["speed-filter", "dead-time"], [prompt]) == ["dead-time"]
+    assert without_excluded_filter(["speed-filter", "dead-time"], [prompt]) == ["dead-time"]
 
 
 @pytest.mark.slow
@@ -68,7 +68,7 @@ def test_a_filter_that_the_base_has_is_not_found_again(tmp_path):
 def test_without_an_angle_nothing_is_reported_or_ruled_out():
     e = experiment(np.ones(5000), np.linspace(0.0, 5.0, 5000))
     assert speed_delay(e) is None
-    assert not_ruled_out(["speed-filter", "dead-time"], [e]) == ["speed-filter", "dead-time"]
+    assert without_excluded_filter(["speed-filter", "dead-time"], [e]) == ["speed-filter", "dead-time"]
 
 
 def test_a_standstill_says_nothing():

@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from drivetool.check.faults.shaft import lead_of_factor, scale_of, shaft_fault
+from drivetool.check.faults.shaft import log_likelihood_gain_of_factor, scale_of, shaft_fault
 from drivetool.check.fit.model import all_samples, fit_from_start
 from drivetool.check.search.shaft_scale import most_likely_scale
 from drivetool.drive import two_mass
@@ -86,7 +86,7 @@ def test_the_scale_fitted_together_with_the_drive_is_within_its_error(seed, scal
     log, std, lead, _ = most_likely_scale(model, all_samples(model.problem))
     assert abs(log - np.log(scale)) < 3.0 * std
     assert std < 0.02
-    np.testing.assert_allclose(lead, lead_of_factor(float(np.exp(log)), [task]), rtol=0.02, atol=1.0)
+    np.testing.assert_allclose(lead, log_likelihood_gain_of_factor(float(np.exp(log)), [task]), rtol=0.02, atol=1.0)
 
 
 @pytest.mark.parametrize("factor", [0.7, 1.5, -1.0])
@@ -96,7 +96,7 @@ def test_a_factor_gains_nothing_where_the_sensor_says_nothing(factor):
     noise = white_noise(4000, 1e3 * np.abs(record.signals["shaft_torque"]).max(), 7)
     record = replace(record, signals={**record.signals, "shaft_torque": noise})
     task = Task(drive, FREE, roles_of([record], drive), (record,))
-    assert abs(lead_of_factor(factor, [task])) < 2.0
+    assert abs(log_likelihood_gain_of_factor(factor, [task])) < 2.0
 
 
 @pytest.mark.slow

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from drivetool.check.fit import model as fitting
-from drivetool.check.fit.model import Model, fit, noise_replaces_law
+from drivetool.check.fit.model import Model, fit, noise_absorbs_effect
 
 
 def model_of(rate: float | None, error: float) -> Model:
@@ -31,11 +31,11 @@ def run_errors(monkeypatch):
     (0.1, 9.0, False),  # as fast as before: free runs may be worse for other reasons
     (None, 9.0, False)])
 def test_noise_replaces_a_law_where_it_is_slower_and_free_runs_are_worse(run_errors, rate, error, stands):
-    assert noise_replaces_law(model_of(rate, error), model_of(0.1, 1.0)) is stands
+    assert noise_absorbs_effect(model_of(rate, error), model_of(0.1, 1.0)) is stands
 
 
 def test_white_noise_before_has_stood_in_for_nothing(run_errors):
-    assert not noise_replaces_law(model_of(0.01, 9.0), model_of(None, 1.0))
+    assert not noise_absorbs_effect(model_of(0.01, 9.0), model_of(None, 1.0))
 
 
 @pytest.mark.parametrize(("rate", "renewed"), [(0.05, [True, False]), (0.09, [True])])

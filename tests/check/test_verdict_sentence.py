@@ -10,7 +10,7 @@ import pytest
 from drivetool.check.causes.catalogue import CAUSES
 from drivetool.check.faults.record_faults import Fault
 from drivetool.check.heldout.between_records import Change, records_differ_text
-from drivetool.check.outcome.diagnosis import UNLISTED, CandidateResult, Gain, Round, noise_hides_law
+from drivetool.check.outcome.diagnosis import OUTSIDE_CATALOGUE, CandidateResult, Gain, Round, noise_hides_law
 from drivetool.check.search.result import SelectedCauses
 from drivetool.check.verdict import size as sizing
 from drivetool.check.verdict.diagnosis_report import causes_in_base, correlated_errors_finding
@@ -38,24 +38,25 @@ def test_a_cause_is_suspect_where_implausible_noise_replaces_much(before, after,
 
 
 def test_the_suspicion_is_reported_with_its_size_and_the_deciding_experiment():
-    between = ("hardening-stiffness", UNLISTED)
+    between = ("hardening-stiffness", OUTSIDE_CATALOGUE)
     text = sentence_of("undetermined", ((), between, between[:1]), "", gain(27.0, 10.5), 0.08)
     assert "a shaft whose stiffness changes with load (hardening-stiffness) explains it best" in text
     assert "10 times the sensor's own noise" in text
-    assert "8 % of its standard deviation" in text and UNLISTED not in text
+    assert "8 % of its standard deviation" in text and OUTSIDE_CATALOGUE not in text
     assert "Hold the torque" in experiment_of(between, "undetermined")
 
 
 def test_part_of_an_answer_is_reported_as_such():
-    between = ("asymmetric-friction", "torque-ripple", UNLISTED)
+    between = ("asymmetric-friction", "torque-ripple", OUTSIDE_CATALOGUE)
     text = sentence_of("undetermined", (("outliers",), between, between[:2]), "", gain(27.0, 10.5), 0.01,
                        doubt="44 % of the explainable residual remains")
     assert text.startswith("The record is at fault: single wrong values (outliers). In addition, the model "
                            "lacks friction that depends on the direction (asymmetric-friction) and torque ripple "
                            "of the motor (torque-ripple), or an effect outside the catalogue")
-    assert text.endswith("to 0.21 rad/s, but 44 % of the explainable residual remains.") and UNLISTED not in text
+    assert text.endswith(
+        "to 0.21 rad/s, but 44 % of the explainable residual remains.") and OUTSIDE_CATALOGUE not in text
     assert "at other speeds and torques" in experiment_of(between, "undetermined", doubt="44 %")
-    text = sentence_of("undetermined", ((), ("backlash", "coulomb-load", UNLISTED), ("backlash",)), "",
+    text = sentence_of("undetermined", ((), ("backlash", "coulomb-load", OUTSIDE_CATALOGUE), ("backlash",)), "",
                        gain(27.0, 10.5), 0.01, doubt="44 % is left")
     assert "lacks backlash (or dry friction at the load (coulomb-load) in place of one of them), or" in text
 

@@ -15,7 +15,7 @@ import pyarrow.parquet as pq
 import pytest
 import yaml
 
-from drivetool.check.outcome import UNLISTED, DiagnoseOptions
+from drivetool.check.outcome import OUTSIDE_CATALOGUE, DiagnoseOptions
 from drivetool.errors import Finding, NotEnoughData
 from drivetool.files.disk import write
 from drivetool.files.shapes import schema
@@ -282,8 +282,9 @@ def test_pages_of_other_verdicts(folder, stand_in, call):
     assert "stiffer the more torque" in words
     known = replace(made.rounds[0].candidates[0], state="in-the-model", gain=None, parameters=())
     later = replace(made.rounds[1], candidates=(known, *made.rounds[1].candidates))
-    stand_in.answer = diagnosed.diagnosis(verdict="undetermined", causes=(), between=("backlash", UNLISTED),
-                                       rounds=(made.rounds[0], later))
+    stand_in.answer = diagnosed.diagnosis(verdict="undetermined", causes=(),
+                                          between=("backlash", OUTSIDE_CATALOGUE),
+                                          rounds=(made.rounds[0], later))
     call(*WORDS, "--report", "r.html", "-q")
     words = " ".join(Page(Path("r.html").read_text()).words)
     assert words.count("part of the cause, or the whole cause") == 1

@@ -57,8 +57,8 @@ def observed(request):
 
 def general(monkeypatch, plant):
     """The same plant, which from now on uses the pass for any number of states."""
-    assert plant.nx in simulate.MADE_FOR
-    monkeypatch.setattr(simulate, "MADE_FOR", ())
+    assert plant.nx in simulate.SIZED_STATE_COUNTS
+    monkeypatch.setattr(simulate, "SIZED_STATE_COUNTS", ())
     return replace(plant)
 
 
@@ -122,7 +122,8 @@ def with_general_laws(plant):
     """The same plant, whose laws from now on use the units for any number of states and laws."""
     units = {unit: address(f"law_{unit}") for unit in ("motion", "columns", "transition")}
     assert all(getattr(plant.laws, unit) != place for unit, place in units.items())
-    return replace(plant, laws=plant.laws._replace(spread=address("spread"), join=address("join"), **units))
+    any_size = {unit: address(unit) for unit in ("covariance_step", "premultiply")}
+    return replace(plant, laws=plant.laws._replace(**any_size, **units))
 
 
 @pytest.mark.parametrize("count", range(1, 10))

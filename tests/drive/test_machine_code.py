@@ -119,11 +119,12 @@ def changed(kept, what):
     whole = (kept / f"{SMALL_UNIT}.o").read_bytes()
     flipped = bytearray(whole)
     flipped[len(whole) // 3] ^= 0x10
-    machine_code.store(kept, "show", machine_code.intact_code(SMALL_UNIT).replace(SMALL_UNIT.encode(), b"show"))
+    machine_code.store(kept, "write_law_torques",
+                       machine_code.intact_code(SMALL_UNIT).replace(SMALL_UNIT.encode(), b"write_law_torques"))
     return {"empty": b"", "short": whole[:10], "cut": whole[:len(whole) // 2], "cut by a byte": whole[:-1],
             "longer": whole + b"\0", "a bit": bytes(flipped), "no digest": whole[:-machine_code.DIGEST],
             "noise": random.Random(1).randbytes(len(whole)),
-            "another part": (kept / "show.o").read_bytes()}.get(what)
+            "another part": (kept / "write_law_torques.o").read_bytes()}.get(what)
 
 
 # Replaces the compiler by a copy and logs each call: the test is about when it compiles, not how.
@@ -244,17 +245,18 @@ def test_only_what_is_missing_is_compiled(compiled, tmp_path):
     machine_code.prepare()
     parts.clear()
     (tmp_path / "kalman_3.o").unlink()
-    (tmp_path / "show.o").write_bytes(b"")
+    (tmp_path / "write_law_torques.o").write_bytes(b"")
     machine_code.prepare(["switch_late"])
     assert not parts
     machine_code.prepare()
-    assert sorted(parts) == ["filter.kalman_3", "smooth_events.show"]
+    assert sorted(parts) == ["filter.kalman_3", "smooth_events.write_law_torques"]
 
 
 def test_a_part_comes_with_its_group_alone(compiled):
     parts, _ = compiled
     machine_code.prepare(["run_3", "switch_late"])
-    assert sorted(parts) == ["events.rough_step", "events.switch_late", "filter.kalman_3", "modes.work_out",
+    assert sorted(parts) == ["events.step_through_events", "events.switch_late", "filter.kalman_3",
+                             "modes.compute_mode",
                              "run.run_3"]
 
 

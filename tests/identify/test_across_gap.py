@@ -7,7 +7,7 @@ import pytest
 
 from drivetool.drive import one_body, two_mass
 from drivetool.identify.laws import across_gap, law_selection
-from drivetool.identify.laws.across_gap import laws_confirmed, optimum_confirmed, restart_from_free_runs
+from drivetool.identify.laws.across_gap import laws_reduce_free_run_error, optimum_confirmed, restart_from_free_runs
 from drivetool.identify.laws.candidates import CandidateSet
 from drivetool.identify.laws.explanation import parameter_uncertainty
 from drivetool.identify.laws.free_run_test import run_length
@@ -45,9 +45,9 @@ def test_free_runs_are_short_where_a_gap_acts_or_is_fitted(gap, free, seconds):
 @pytest.mark.parametrize("ratio, straight, wanted", [
     (1.15, 1.0, False), (1.25, 1.0, True), (1.0 / 1.25, 1.0, False), (9.0, 0.0, False)])
 def test_laws_are_confirmed_by_a_smaller_error_of_free_runs(ratio, straight, wanted):
-    judge = SimpleNamespace(error=lambda point: float(point.values[0]), straight=lambda task: straight)
+    judge = SimpleNamespace(error=lambda point: float(point.values[0]), straight_line_error=lambda task: straight)
     without, with_them = outcome(0.0, [ratio, 0.0]), outcome(-1e6, [1.0, 0.0])
-    assert laws_confirmed(judge, without, with_them) is wanted
+    assert laws_reduce_free_run_error(judge, without, with_them) is wanted
 
 
 def sums_that_gain(much):

@@ -114,7 +114,7 @@ def test_a_line_without_ratio_has_a_reason():
                      "motor.ripple_sine": 0.2},
                {"load.inertia": 0.1, "motor.inertia": 0.2})
     found = lines_of(swap(one, two))
-    assert found["motor.inertia"].reason == both_sides.CARRIED and found["motor.inertia"].ratio is None
+    assert found["motor.inertia"].reason == both_sides.COPIED_VALUE and found["motor.inertia"].ratio is None
     assert found["shaft.damping"].reason == both_sides.EQUAL
     coulomb = found["motor.coulomb"]
     assert coulomb.difference == pytest.approx(0.2) and coulomb.std is None

@@ -13,7 +13,7 @@ from drivetool.identify.greybox.clamped import (
     MAX_CLAMPED_NOISE_RATIO,
     MAX_MEAN_OVER_RMS,
     check_clamped,
-    swing_of,
+    clamped_oscillation_of,
     with_start_values_from_clamped,
 )
 from drivetool.identify.greybox.estimator import default_free, greybox
@@ -98,7 +98,7 @@ def test_a_swing_is_found_in_the_noise(frequency, ratio):
     speed = run.speeds[:, 0]
     noisy = speed + white_noise(n, 0.5 * float(speed.std()), 5)
     record = replace(HELD, step=step, segments=((0, n),), signals={"motor_torque": torque, "motor_speed": noisy})
-    found = swing_of(record)
+    found = clamped_oscillation_of(record)
     assert found.frequency == pytest.approx(frequency, rel=0.06)
     assert found.inertia == pytest.approx(2.0, rel=0.3)
 

@@ -65,7 +65,7 @@ def test_straight_lines_err_by_what_a_motion_bends():
     judge = FreeRunTest({made.step: smoothing_of([made], "motor_speed")}, Noise(1.0, None, np.ones(1)))
     t = (np.arange(1000) + 0.5) / 1000.0
     left = np.cos(np.pi * t) - np.polyval(np.polyfit(t, np.cos(np.pi * t), 1), t)
-    assert judge.straight(task_of(made)) == pytest.approx(np.sqrt(np.mean(left**2)), rel=0.02)
+    assert judge.straight_line_error(task_of(made)) == pytest.approx(np.sqrt(np.mean(left**2)), rel=0.02)
 
 
 @ROLES
@@ -74,7 +74,7 @@ def test_straight_lines_of_a_noisy_record_say_nothing(role):
     noise = (1.0 if role == "motor_speed" else 0.01) * np.random.default_rng(1).standard_normal(4000)
     for made, says in ((record(S, role), True), (record(straight, role, noise=noise), False)):
         judge = FreeRunTest({made.step: smoothing_of([made], role)}, Noise(1.0, None, np.ones(1)))
-        assert (judge.straight(task_of(made)) > 0.0) == says
+        assert (judge.straight_line_error(task_of(made)) > 0.0) == says
 
 
 def test_noise_above_the_cut_off_hardly_counts():

@@ -13,7 +13,7 @@ from drivetool.drive import two_mass
 from drivetool.errors import BadOption, BadParameters
 from drivetool.identify.fit.engine import free_run
 from drivetool.identify.greybox.estimator import greybox
-from drivetool.identify.noise.noise import Noise, normal_under
+from drivetool.identify.noise.noise import Noise, filtered_normal_equations
 from drivetool.identify.problem.least_squares import marquardt_step
 from drivetool.identify.setup.options import Options
 from drivetool.identify.setup.setup import Roles, first_point, problem_of, traces_of
@@ -125,8 +125,8 @@ def test_normal_equations_of_forgetful_coloured_noise_are_those_of_white():
     problem = task.problem()
     point = first_point(task.drive, problem, task.roles)
     scale = np.ones(1)
-    white = normal_under(problem, point, Noise(20.0, None, scale))
-    almost = normal_under(problem, point, Noise(20.0, 1e-9, scale))
+    white = filtered_normal_equations(problem, point, Noise(20.0, None, scale))
+    almost = filtered_normal_equations(problem, point, Noise(20.0, 1e-9, scale))
     np.testing.assert_allclose(almost.shared, white.shared, rtol=1e-6)
     np.testing.assert_allclose(almost.cross[0], white.cross[0], rtol=1e-5, atol=1e-9 * np.abs(white.cross[0]).max())
 

@@ -11,7 +11,7 @@ from drivetool.drive import one_body
 from drivetool.identify.estimate.rounding import only_rounding, relative_resolution
 from drivetool.identify.fit.engine import by_innovations
 from drivetool.identify.greybox.estimator import greybox
-from drivetool.identify.noise.innovations import fit_innovations, polish
+from drivetool.identify.noise.innovations import fit_innovations, refit_with_tight_tolerance
 from drivetool.identify.noise.noise import likelier_ratio
 from drivetool.identify.setup.options import Options
 from drivetool.identify.setup.setup import roles_of
@@ -52,7 +52,7 @@ def test_a_fit_started_without_torque_noise_finds_it(ratio):
     none = replace(outcome.fit.noise, ratio=1e-6 * NATURAL)
     initial = fit_innovations(problem, point, none, near_optimum=True)
     assert initial.noise.ratio < 1e-3 * NATURAL
-    found = polish(problem, initial)
+    found = refit_with_tight_tolerance(problem, initial)
     assert found.noise.ratio == pytest.approx(outcome.fit.noise.ratio, rel=0.1) == pytest.approx(
         ratio * NATURAL, rel=0.3)
     assert found.point.values == pytest.approx(point.values, rel=1e-3)

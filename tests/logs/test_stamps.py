@@ -283,7 +283,8 @@ def test_a_shift_out_of_the_record(shift):
     time = 0.002 * np.arange(N)
     log = logged((time, axis(0.002)[0]), (time, axis(0.002)[1]))
     torque = {"channel": "motor_torque", "shift": shift}
-    with pytest.raises(BadRecording, match=rf"shift after which motor_torque overlaps .* found {shift:g} s in a record of 8 s"):
+    with pytest.raises(BadRecording,
+                       match=rf"shift after which motor_torque overlaps .* found {shift:g} s in a record of 8 s"):
         build_experiment(log, channel_map({"motor_torque": torque, "motor_speed": {"channel": "motor_speed"}}))
     both = {role: {"channel": role, "shift": shift} for role in ("motor_torque", "motor_speed")}
     assert build_experiment(log, channel_map(both)).size == N

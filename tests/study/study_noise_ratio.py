@@ -27,7 +27,7 @@ import pytest
 from drivetool.drive import one_body, two_mass
 from drivetool.identify.fit import by_innovations, with_coloured_noise
 from drivetool.identify.greybox import default_free
-from drivetool.identify.noise import natural_ratio, restricted_likelihood
+from drivetool.identify.noise import restricted_likelihood, unit_noise_ratio
 from drivetool.identify.setup import Outcome, Task, reverses, roles_of
 from drivetool.logs import Experiment
 from tests.hidden.command import read
@@ -170,7 +170,7 @@ def behind(outcome: Outcome) -> float:
     Ratios next to it do not count: where dry friction sticks and slips the likelihood is rough.
     """
     problem, point, found = outcome.problem, outcome.fit.point, outcome.fit.noise
-    ratios = natural_ratio(problem, point) * 10.0**GRID
+    ratios = unit_noise_ratio(problem, point) * 10.0**GRID
     ratios = ratios[np.abs(np.log10(ratios / found.ratio)) > np.diff(GRID)[0]]
     least = min(restricted_likelihood(problem, point, replace(found, ratio=r))[0] for r in ratios)
     return restricted_likelihood(problem, point, found)[0] - least

@@ -9,7 +9,7 @@ from drivetool.identify.estimate import Covariance
 from drivetool.tune.gains import Design, TuneOptions
 from drivetool.tune.optimisation.scenarios import FigureSpread, draw_drives, joint_covariance
 from drivetool.tune.remarks import design_findings, spread_findings
-from drivetool.tune.simulation.limit_cycle import Cycle, KickResponse
+from drivetool.tune.simulation.limit_cycle import Cycle, DisturbanceResponse
 from drivetool.tune.speed_loop.loop import Settings, Wiring
 from tests.tallfors import two_mass_plant
 
@@ -67,7 +67,7 @@ def test_draws_that_are_unstable():
     ("mimo", None, ["limit-cycle", "shaft-feedback-not-evaluated"])])
 def test_a_gap_that_would_make_the_loop_unstable(configuration, has_cycle, expected_codes):
     """Above the gain that is stable at each stiffness; a loop with shaft-torque feedback is not simulated."""
-    watches = () if has_cycle is None else (KickResponse(Cycle("moving", has_cycle), *[NO_SAMPLES] * 5),)
+    watches = () if has_cycle is None else (DisturbanceResponse(Cycle("moving", has_cycle), *[NO_SAMPLES] * 5),)
     found = replace(DESIGN, wiring=Wiring(configuration), safe_gain=100.0, watches=watches)
     assert design_codes(found) == expected_codes
     assert design_codes(replace(found, safe_gain=None)) == (["limit-cycle"] if has_cycle else [])

@@ -15,7 +15,7 @@ from drivetool.tune.optimisation.robust import robust_optimum
 from drivetool.tune.optimisation.scenarios import draw_drives, joint_covariance, spread_of_figures
 from drivetool.tune.optimisation.search import TuneLimits, optimum, tuning_problem
 from drivetool.tune.optimisation.variations import variation_study
-from drivetool.tune.simulation.limit_cycle import kick_responses, safe_gain
+from drivetool.tune.simulation.limit_cycle import disturbance_responses, safe_gain
 from drivetool.tune.simulation.nonlinear import closed_loop, simulate_loop, steady_state
 from drivetool.tune.speed_loop.loop import Settings, Wiring, build
 from drivetool.tune.speed_loop.sensitivity import max_sensitivity, plant
@@ -167,16 +167,16 @@ def test_hunting_is_found_where_the_describing_function_puts_it():
         if poles.real.max() > 0.0:
             border_frequency = abs(poles[np.argmax(poles.real)].imag) / (2 * np.pi)
             break
-    (found,) = kick_responses(loop, CYCLING_AT)
+    (found,) = disturbance_responses(loop, CYCLING_AT)
     assert found.cycle.hunts and found.cycle.frequency == pytest.approx(border_frequency, rel=0.03)
 
 
 @pytest.mark.slow
 def test_hunting_against_the_independent_simulator():
-    (found,) = kick_responses(build(CYCLING, FILTERED), CYCLING_AT)
+    (found,) = disturbance_responses(build(CYCLING, FILTERED), CYCLING_AT)
     # A discrete controller without the filter, whose lag is put into the dead time instead.
     plain = build(CYCLING.with_values({"converter.dead_time": 0.0064}), Wiring())
-    (unfiltered,) = kick_responses(plain, CYCLING_AT)
+    (unfiltered,) = disturbance_responses(plain, CYCLING_AT)
     h = 2e-4
     m = machine.Machine(inertia=(1.0, 3.67), viscous=(1e-3, 4e-3), stiffness=(206e3,), damping=(5.6,),
                         half_gap=(0.002,), converter_bandwidth=433.0, dead_time=0.0064 - h / 2)
@@ -198,9 +198,9 @@ def test_below_the_safe_gain_nothing_hunts():
     assert 0.0 < safe < CYCLING_AT.gain
     at = Settings(0.95 * safe, CYCLING_AT.integral_time * CYCLING_AT.gain / safe)
     if safe_gain(loop, at) is None:
-        assert not any(each.cycle.hunts for each in kick_responses(loop, at))
+        assert not any(each.cycle.hunts for each in disturbance_responses(loop, at))
     assert not any(each.cycle.hunts
-                   for each in kick_responses(build(HEAVY.with_values({"shaft.half_gap": 0.01}), Wiring()),
+                   for each in disturbance_responses(build(HEAVY.with_values({"shaft.half_gap": 0.01}), Wiring()),
                                               Settings(1968.0, 0.0554)))
 
 

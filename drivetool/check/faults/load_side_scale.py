@@ -15,7 +15,7 @@ import numpy as np
 from drivetool.check.faults.record_faults import Fault, load_divided, load_fault
 from drivetool.check.fit import FIT_ERRORS, Model, fit_from_start, linear_step
 from drivetool.drive import Drive
-from drivetool.identify.noise import normal_under
+from drivetool.identify.noise import filtered_normal_equations
 from drivetool.identify.setup import Task, roles_of
 from drivetool.logs import Experiment
 
@@ -43,7 +43,7 @@ def load_scale(records: Sequence[Experiment], drive: Drive, free: Sequence[str],
     change = drive.value(name) / ratio
     if abs(change - 1.0) > MAX_SCALE_CHANGE:
         return tuple(records), list(faults)
-    _, std, _ = linear_step(model.problem, normal_under(model.problem, model.point, model.noise),
+    _, std, _ = linear_step(model.problem, filtered_normal_equations(model.problem, model.point, model.noise),
                             np.ones(len(model.task.free), bool))
     found = []
     for f in faults:

@@ -128,7 +128,7 @@ def _speed_against_angle(e: Experiment, wanted: Sequence[str]) -> tuple[Experime
         speed, angle = f"{body}_speed", f"{body}_angle"
         if speed not in signals or angle not in signals:
             continue
-        factor, error = _or_minus_one(*channel_ratio_by_rates(signals, angle, speed, e.step, e.segments))
+        factor, error = _snapped_to_minus_one(*channel_ratio_by_rates(signals, angle, speed, e.step, e.segments))
         code = _channel_fault_code(factor, error, wanted)
         if code is None:
             continue
@@ -156,7 +156,7 @@ def _load_against_motor(e: Experiment, wanted: Sequence[str], gear_ratio: float)
     motor_roles, load_roles = motion_channels(e)
     if not motor_roles or not load_roles:
         return e, []
-    factor, error = _or_minus_one(*(gear_ratio * each for each in channel_ratio_by_travel(
+    factor, error = _snapped_to_minus_one(*(gear_ratio * each for each in channel_ratio_by_travel(
         e.signals, motor_roles[0], load_roles[0], e.step, e.segments)))
     code = _channel_fault_code(factor, error, wanted)
     if code is None:
@@ -212,7 +212,7 @@ def _delayed_speed(e: Experiment, wanted: Sequence[str]) -> list[Fault]:
         "Log the speed before its filter, or take the angle."), e.name, lag=delay.lag)]
 
 
-def _or_minus_one(factor: float, error: float) -> tuple[float, float]:
+def _snapped_to_minus_one(factor: float, error: float) -> tuple[float, float]:
     """A factor and its standard error, minus one where it does not differ significantly: a sign has no scale."""
     return (-1.0 if abs(factor + 1.0) < max(MIN_CHANNEL_SCALE_ERROR, SLOPE_SIGNIFICANCE * error) else factor), error
 

@@ -13,7 +13,7 @@ from drivetool.check.faults.record_faults import Fault
 from drivetool.check.fit import Model, fit_from_start
 from drivetool.drive import Assembly, Drive, Layout, closed_shaft
 from drivetool.errors import Finding
-from drivetool.identify.noise import filtered, normal_under
+from drivetool.identify.noise import filtered, filtered_normal_equations
 from drivetool.identify.problem import schur
 from drivetool.identify.setup import Roles, Task, roles_of
 from drivetool.identify.starts import MAX_RELATIVE_STD, regressed_totals
@@ -86,14 +86,14 @@ def _sensor_error(models: Sequence[Model], whole: Task, first: Mapping[str, floa
                          or abs(factor) < 0.05):
         return None
     starts = (whole, whole.at(first)) if first else (whole,)
-    lead = lead_of_factor(factor, (*starts, _task_at(model, whole))) if identifiable else 0.0
+    lead = log_likelihood_gain_of_factor(factor, (*starts, _task_at(model, whole))) if identifiable else 0.0
     if identifiable and lead < MIN_SENSOR_LEAD:
         return None
     if identifiable and factor > 0.0:
         return factor, error, model
     inverted = min(models, key=lambda m: abs(_regression_factor(measured, *shaft_torque_of(m), step)[0] + 1.0))
     near = identifiable and abs(factor + 1.0) < SENSOR_SIGNIFICANCE * error
-    inverted_lead = np.inf if near else lead_of_factor(-1.0,
+    inverted_lead = np.inf if near else log_likelihood_gain_of_factor(-1.0,
                                                        (*starts, _task_at(model, whole), _task_at(inverted, whole)))
     if inverted_lead > (lead - MIN_SENSOR_LEAD if identifiable else MIN_SENSOR_LEAD):
         return -1.0, np.nan, inverted  # a sign has no standard error
@@ -131,7 +131,7 @@ def rescaled(experiments: Sequence[Experiment], factor: float) -> tuple[Experime
                  for e in experiments)
 
 
-def lead_of_factor(factor: float, tasks: Sequence[Task]) -> float:
+def log_likelihood_gain_of_factor(factor: float, tasks: Sequence[Task]) -> float:
     """Gain in log likelihood of all channels if the sensor has a factor.
 
     Where the motor channels identify little of the drive, the likelihood is flat and far from a parabola, and no
@@ -163,7 +163,7 @@ def _parameter_deviations(model: Model) -> list[tuple[np.ndarray, float]]:
     A change is small enough for linearisation. What the motor channels do not identify, above all the split of
     friction, has a prior standard deviation of its sum over the whole drive.
     """
-    problem, normal = model.problem, normal_under(model.problem, model.point, model.noise)
+    problem, normal = model.problem, filtered_normal_equations(model.problem, model.point, model.noise)
     matrix, _, _ = schur(normal)
     prior_std = np.array([_sum_over_bodies(name, model) for name in model.task.free])
     variance = normal.cost / max(problem.count - problem.unknowns, 1)

@@ -8,7 +8,7 @@ from drivetool.check.fit.model import Masks, Model, fit
 from drivetool.check.fit.structure import transferred_point
 from drivetool.drive import TOTALS
 from drivetool.identify.fit import parts_identifiable, tasks_with_parts
-from drivetool.identify.noise import normal_under
+from drivetool.identify.noise import filtered_normal_equations
 
 # Log likelihood by which the parts may be worse than their sum: tolerance of two fits that stop separately (a
 # choice).
@@ -27,7 +27,7 @@ def with_parts(model: Model, masks: Masks) -> Model:
         for task, parts in tasks_with_parts(model.fitted, total):
             problem = task.problem()
             start = replace(model, task=task, problem=problem, point=transferred_point(model, task, problem))
-            normal = normal_under(problem, start.point, model.noise)
+            normal = filtered_normal_equations(problem, start.point, model.noise)
             if parts_identifiable(task, problem, start.point, normal, parts, model.fitted.drive.values[total]):
                 trial = fit(start, masks)
                 if trial.value < model.value + MAX_SPLIT_LOSS:

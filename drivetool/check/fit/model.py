@@ -17,8 +17,8 @@ from drivetool.errors import DriveToolError
 from drivetool.identify.fit import MIN_COLOUR_GAIN, looks_coloured
 from drivetool.identify.noise import (
     Noise,
-    excerpt,
     filtered,
+    first_samples_of,
     fit_correlated_noise,
     fit_innovations,
     fit_ratio,
@@ -147,12 +147,12 @@ def fit(model: Model, masks: Masks, *, max_iterations: int = MAX_FIT_ITERATIONS,
                             max_rounds=max_iterations,
                             estimate_noise=refit_noise, wanted=goal)
     after = replace(model, point=found.point, noise=found.noise, value=found.value)
-    if refit_noise and noise_replaces_law(after, model):
+    if refit_noise and noise_absorbs_effect(after, model):
         return fit(model, masks, max_iterations=max_iterations, refit_noise=False, goal=goal)
     return after
 
 
-def few_steps(model: Model, masks: Masks, max_steps: int) -> Model:
+def gauss_newton_iterations(model: Model, masks: Masks, max_steps: int) -> Model:
     """The model after some steps under the gains of its noise."""
     problem = masked_problem(model.problem, masks)
     with np.errstate(over="ignore", invalid="ignore"):
@@ -195,7 +195,7 @@ def _sensor_noise_over_range(problem: Problem, point: Point, noise: Noise) -> No
 
     Its own innovations are no estimate: one sensor with too small a noise inflates those of the others.
     """
-    part = excerpt(problem)
+    part = first_samples_of(problem)
     for m in range(1, len(noise.scale)):
         def louder(log: float, m: int = m, noise: Noise = noise) -> Noise:
             scale = noise.scale.copy()
@@ -237,7 +237,7 @@ def reestimate_noise(model: Model, masks: Masks) -> Model:
     return fit(trial, masks, max_iterations=COLOURED_FIT_ITERATIONS)
 
 
-def noise_replaces_law(after: Model, before: Model) -> bool:
+def noise_absorbs_effect(after: Model, before: Model) -> bool:
     """Whether the torque noise became far slower and the free-run error larger: it replaces friction, say."""
     now, then = after.noise.memory, before.noise.memory
     return (now is not None and then is not None and 1.0 - now < MAX_NOISE_RATE_RATIO * (1.0 - then)

@@ -10,7 +10,7 @@ from drivetool.check.fit.structure import third_mass_of, transferred_point, with
 from drivetool.drive import Drive
 from drivetool.identify.estimate import Parameter, parameters_of
 from drivetool.identify.laws import third_mass_names
-from drivetool.identify.noise import normal_under
+from drivetool.identify.noise import filtered_normal_equations
 from drivetool.identify.problem import Solution
 
 SIZE_SIGNIFICANCE = 2.5  # standard deviations of one amplitude from zero: 1.2 % by chance (normal distribution)
@@ -18,7 +18,7 @@ SIZE_SIGNIFICANCE = 2.5  # standard deviations of one amplitude from zero: 1.2 %
 
 def added_parameters(model: Model, base: Model) -> tuple[Parameter, ...]:
     """The parameters that a cause adds to the base, with intervals where there are any."""
-    normal = normal_under(model.problem, model.point, model.noise)
+    normal = filtered_normal_equations(model.problem, model.point, model.noise)
     lines, _, _ = parameters_of(model.problem, Solution(model.point, normal, 0, True), model.task.drive,
                                 model.fitted.drive)
     return tuple(p for p in lines if p.name in model.task.free and p.name not in base.task.free)

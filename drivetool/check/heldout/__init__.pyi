@@ -17,15 +17,15 @@ from .free_run_error import (
 from .parametric_bootstrap import error_by_noise as error_by_noise
 from .samples import Split as Split, split_of as split_of
 from .scores import (
-    ONE_OFF_SUFFIXES as ONE_OFF_SUFFIXES,
+    EVENT_TIME_SUFFIXES as EVENT_TIME_SUFFIXES,
     SCANNED_VALUES as SCANNED_VALUES,
     Fold as Fold,
     Score as Score,
     folds_of as folds_of,
-    in_one_place as in_one_place,
+    gain_in_one_block as gain_in_one_block,
     lead_in_blocks as lead_in_blocks,
+    log_scanned_values as log_scanned_values,
     over_all_records as over_all_records,
-    scan_price as scan_price,
     score as score,
     total_evidence as total_evidence,
 )

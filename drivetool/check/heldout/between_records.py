@@ -18,7 +18,7 @@ from drivetool.check.fit import (
 )
 from drivetool.check.heldout.scores import REFIT_ITERATIONS, Fold
 from drivetool.errors import Finding
-from drivetool.identify.noise import normal_under
+from drivetool.identify.noise import filtered_normal_equations
 from drivetool.identify.problem import Point, schur
 from drivetool.identify.setup import problem_of
 
@@ -77,7 +77,7 @@ def _held_out(model: Model, fold: Fold) -> tuple[Model, list[np.ndarray]]:
 
 def _information(model: Model) -> np.ndarray:
     """(k, k) of the free parameters, start states eliminated."""
-    normal = normal_under(model.problem, model.point, model.noise)
+    normal = filtered_normal_equations(model.problem, model.point, model.noise)
     variance = normal.cost / max(model.problem.count - model.problem.unknowns, 1)
     return schur(normal)[0] / variance
 
@@ -137,7 +137,7 @@ def _best_candidates(best: Model, held: Model, changed: Sequence[str]) -> list[s
     """The parameters of the largest expected gain by one Gauss-Newton step, beside those already changed."""
     free = held.task.free
     whole = _with_free(best, held, free)
-    normal = normal_under(whole.problem, whole.point, whole.noise)
+    normal = filtered_normal_equations(whole.problem, whole.point, whole.noise)
     expected_gain = {}
     for name in free:
         if name not in changed:

@@ -15,11 +15,11 @@ import numpy as np
 
 from drivetool.check.fit import Masks, Model, fit, sample_losses, sensor_variance, total_loss
 from drivetool.drive.simulation import ObserverGains
-from drivetool.identify.noise import arrow, filtered, with_disturbance_state
+from drivetool.identify.noise import dense_normal_equations, filtered, with_disturbance_state
 
 # Of the information of all samples on a direction, added to both: directions without any cancel in the ratio.
 INFORMATION_RIDGE = 1e-8
-PRICE_OF_TWO_MODELS = float(np.log(2.0))  # the price of averaging over two models of equal prior
+MODEL_AVERAGE_PENALTY = float(np.log(2.0))  # the price of averaging over two models of equal prior
 JOINT_FIT_ITERATIONS = 3  # a choice: the fit to both starts near its optimum
 
 
@@ -30,7 +30,7 @@ def loss_with_uncertainty(trained: Model, train: Masks, block: Masks, exact: flo
     block    samples of the block; exact: their -log likelihood with exactly the trained parameters
     """
     value = laplace_loss(trained, train, block)
-    return PRICE_OF_TWO_MODELS - float(np.logaddexp(-value, -exact)) if np.isfinite(value) else exact
+    return MODEL_AVERAGE_PENALTY - float(np.logaddexp(-value, -exact)) if np.isfinite(value) else exact
 
 
 def laplace_loss(trained: Model, train: Masks, block: Masks) -> float:
@@ -61,4 +61,4 @@ def _information_matrix(model: Model, masks: Sequence[np.ndarray]) -> np.ndarray
     gains = [ObserverGains(f.gains.gain, f.gains.weight * mask[:, None])
              for f, mask in zip(passes, masks, strict=True)]
     problem = model.problem.with_memory(model.noise.memory)
-    return arrow(problem.normal(with_disturbance_state(model.point, model.noise), gains))[0]
+    return dense_normal_equations(problem.normal(with_disturbance_state(model.point, model.noise), gains))[0]

@@ -13,8 +13,8 @@ from drivetool.check.fit import (
     Masks,
     Model,
     all_samples,
-    few_steps,
     fit,
+    gauss_newton_iterations,
     masked_loss,
     neg_log_p_corrected,
     over_traces,
@@ -29,7 +29,7 @@ from drivetool.identify.noise import filtered
 from drivetool.identify.problem import Point
 from drivetool.identify.setup import first_states, problem_of
 
-ONE_OFF_SUFFIXES = tuple(suffix for cause in FITTED for suffix in cause.located)
+EVENT_TIME_SUFFIXES = tuple(suffix for cause in FITTED for suffix in cause.located)
 SEARCHED_SUFFIXES = tuple(suffix for cause in FITTED for suffix in cause.searched)
 SCANNED_VALUES = 1000  # instants, or orders of a ripple, that a record can distinguish, about: the price of a scan
 # Of the gain of the causes before, that their inexact laws may still leave. A choice: laws are exact to a few
@@ -143,8 +143,9 @@ def over_all_records(model: Model, split: Split) -> Model:
         short = replace(trace, inputs=trace.inputs[:head], outputs=trace.outputs[:head])
         problem = problem_of(drive, (), task.roles, (short,))
         start = first_states(drive, task.roles, (trace,), task.free)
-        fitted = few_steps(replace(model, problem=problem, point=Point(np.empty(0), start)), all_samples(problem),
-                           START_STATE_STEPS)
+        fitted = gauss_newton_iterations(replace(model, problem=problem, point=Point(np.empty(0), start)),
+                                         all_samples(problem),
+                                         START_STATE_STEPS)
         starts += fitted.point.starts
     return replace(model, task=task, problem=whole, point=Point(model.point.values, tuple(starts)))
 
@@ -155,7 +156,7 @@ def with_event_time_held(model: Model) -> Model:
     An event happens once, and so does a warm-up: training samples far from it do not identify its time, or
     its duration, so these are found in the whole record.
     """
-    names = [n for n in model.task.free if n.endswith(ONE_OFF_SUFFIXES)]
+    names = [n for n in model.task.free if n.endswith(EVENT_TIME_SUFFIXES)]
     if not names:
         return model
     task = replace(model.fitted, free=tuple(n for n in model.task.free if n not in names))
@@ -165,7 +166,7 @@ def with_event_time_held(model: Model) -> Model:
     return Model(model.code, task, problem, point, model.noise, model.value)
 
 
-def scan_price(model: Model, base: Model) -> float:
+def log_scanned_values(model: Model, base: Model) -> float:
     """Log of the number of values at which a model's parameters were scanned over the whole record, zero without.
 
     A fit to the training samples starts at the best of them and stays at that optimum, which noise of the test
@@ -181,7 +182,7 @@ def score(model: Model, base: Model, folds: Sequence[Fold], split: Split) -> Sco
     base  that lacks it; folds: of that
     """
     gains, evidence, training, trained = [], [], [], []
-    price, lead = scan_price(model, base), base.value - model.value
+    price, lead = log_scanned_values(model, base), base.value - model.value
     for fold, samples in zip(folds, split.folds, strict=True):
         own, value = train_on(model, split, samples), 0.0
         for block, loss, base_loss in _blocks_of(own, fold.trained, fold):
@@ -260,10 +261,10 @@ def training_evidence(one: Score, gained: float = 0.0) -> float:
     return neg_log_p_corrected(one.lead, one.further)
 
 
-def in_one_place(one: Score, base: Model) -> bool:
+def gain_in_one_block(one: Score, base: Model) -> bool:
     """Whether one block has nearly all of a cause's gain, though the cause is no single event."""
     new = [n for n in one.model.task.free if n not in base.task.free]
-    return not any(n.endswith(ONE_OFF_SUFFIXES)
+    return not any(n.endswith(EVENT_TIME_SUFFIXES)
                    for n in new) and float(one.gains.max()) > MAX_ONE_BLOCK_SHARE * one.gain
 
 

@@ -16,12 +16,12 @@ import numpy as np
 from drivetool.check.causes import CAUSES, Cause
 from drivetool.check.fit import FIT_ERRORS, MIN_TESTABLE_GAIN, Model
 from drivetool.check.heldout import (
-    ONE_OFF_SUFFIXES,
+    EVENT_TIME_SUFFIXES,
     Score,
     Split,
     blocks_of,
     gain_by_blocks,
-    scan_price,
+    log_scanned_values,
     split_of,
     total_evidence,
 )
@@ -34,7 +34,15 @@ from drivetool.check.inverse.cross_validated_fit import (
     records_of,
 )
 from drivetool.check.inverse.plot_data import torque_plots
-from drivetool.check.outcome import UNLISTED, CandidateResult, DiagnoseOptions, Diagnosis, Facts, Gain, Round
+from drivetool.check.outcome import (
+    OUTSIDE_CATALOGUE,
+    CandidateResult,
+    DiagnoseOptions,
+    Diagnosis,
+    Facts,
+    Gain,
+    Round,
+)
 from drivetool.check.search import Decision, SelectedCauses, decide, law_of, why_absent
 from drivetool.check.starts import Start
 from drivetool.check.verdict import apply_rules, candidate_plots, experiment_of, sentence_of, sizes_of
@@ -247,7 +255,7 @@ def _cross_validate(model: Model, node: Node, records: Records) -> CrossValidate
 
     The time of a single event is held at its estimate from the whole record.
     """
-    event_times = {n for n in model.task.free if n.endswith(ONE_OFF_SUFFIXES) and n not in node.model.task.free}
+    event_times = {n for n in model.task.free if n.endswith(EVENT_TIME_SUFFIXES) and n not in node.model.task.free}
     free = tuple(n for n in model.task.free if n not in event_times)
     with suppress(*FIT_ERRORS):
         fit = cross_validated_fit(records, model.task.drive, free)
@@ -262,7 +270,7 @@ def _score(model: Model, node: Node, fit: CrossValidatedFit, bests: Sequence[flo
     bests  per fold, the loss of the node fitted to them; share: of independent samples
     """
     gains = share * (node.fit.test() - fit.test(with_noise_gain=True))[node.fit.squares[1] > 0]
-    price = scan_price(model, node.model)
+    price = log_scanned_values(model, node.model)
     evidence = tuple(share * (best - float(j.test(with_noise_gain=True).sum())) - price
                      for best, j in zip(bests, fit.test_errors, strict=True))
     return Score(model, gains, evidence, tuple(j.training for j in fit.test_errors), (model,),
@@ -336,7 +344,7 @@ def _diagnosis(first: Node, node: Node, records: Records, split: Split, before: 
     codes = (verdict.causes, verdict.between, found.causes)
     sentence = sentence_of(verdict.verdict, codes, "", gain, 0.0, doubt=verdict.doubt,
                            sizes=sizes_of(found, estimate, first.model))
-    rounds = node.rounds if UNLISTED not in verdict.between else tuple(
+    rounds = node.rounds if OUTSIDE_CATALOGUE not in verdict.between else tuple(
         replace(one, candidates=tuple(replace(c, state="possible") if c.state == "named" else c
                                       for c in one.candidates)) for one in node.rounds)
     experiment = experiment_of(verdict.between, verdict.verdict, bool(task.drive.shafts), roles.outputs,

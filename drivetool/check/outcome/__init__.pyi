@@ -2,7 +2,7 @@ from .diagnosis import (
     IMPLAUSIBLE_NOISE_SHARE as IMPLAUSIBLE_NOISE_SHARE,
     LARGE_ERROR_TO_NOISE as LARGE_ERROR_TO_NOISE,
     LARGE_REMAINING_SHARE as LARGE_REMAINING_SHARE,
-    UNLISTED as UNLISTED,
+    OUTSIDE_CATALOGUE as OUTSIDE_CATALOGUE,
     CandidateResult as CandidateResult,
     DiagnoseOptions as DiagnoseOptions,
     Diagnosis as Diagnosis,

@@ -17,7 +17,7 @@ Verdict = Literal["nothing-found", "named", "undetermined", "unexplained"]
 ERROR_RATIO_BETWEEN_RECORDS = 1.75
 # Standard errors of a gain (about 95 %), from which the scatter of its blocks is not added.
 SIGNIFICANT_GAIN_STDS = 2.0
-UNLISTED = "unlisted"  # among the possible causes: one that is in no catalogue
+OUTSIDE_CATALOGUE = "unlisted"  # among the possible causes: one that is in no catalogue
 # Free-run error over sensor noise, from which an implausible torque noise is reported (a choice).
 LARGE_ERROR_TO_NOISE = 5.0
 LARGE_REMAINING_SHARE = 0.25  # of the error before, from which the remaining error is large (a choice)

@@ -48,7 +48,7 @@ def decide(scores: Sequence[Score], budget: float, gained: float = 0.0,
     gained      log likelihood by the causes that were found before
     equivalent  whether the response with a cause equals that with the best one
     """
-    scores = without_needless_laws(scores)
+    scores = after_elimination(scores)
     log_evidence = total_evidence(scores, gained)
     strength = float(log_evidence / np.log(10.0)) if np.isfinite(log_evidence) else -300.0
     if not scores or log_evidence < np.log(1.0 / budget):
@@ -56,14 +56,14 @@ def decide(scores: Sequence[Score], budget: float, gained: float = 0.0,
     best = max(scores, key=lambda s: s.gain)
     if best.gain <= 0.0:
         return Decision(None, (), strength)
-    close = [s for s in scores if s is best or ties(s, best, equivalent)]
+    close = [s for s in scores if s is best or is_equivalent(s, best, equivalent)]
     codes = {s.model.code for s in close}
     simple = [s for s in close if not codes.intersection(special_cases(s.model.code))]
     best = max(simple, key=lambda s: s.gain)
     return Decision(best, tuple(s.model.code for s in sorted(simple, key=lambda s: -s.gain)), strength)
 
 
-def without_needless_laws(scores: Sequence[Score]) -> list[Score]:
+def after_elimination(scores: Sequence[Score]) -> list[Score]:
     """The scores without laws whose special case is as likely: their further parameters are not significant.
 
     On held-out data they may still lead, because they were fitted under another noise.
@@ -74,7 +74,7 @@ def without_needless_laws(scores: Sequence[Score]) -> list[Score]:
         for t in scores)]
 
 
-def ties(one: Score, best: Score, equivalent: Callable[[Score, Score], bool] = lambda *_: False) -> bool:
+def is_equivalent(one: Score, best: Score, equivalent: Callable[[Score, Score], bool] = lambda *_: False) -> bool:
     """Whether a cause is as good as the best: within the scatter over blocks, and not much weaker.
 
     Blocks differ in information, which adds scatter; where nearly all agree, the signed-rank test shows it

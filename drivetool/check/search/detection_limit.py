@@ -10,7 +10,7 @@ import numpy as np
 from drivetool.check.causes import Cause
 from drivetool.check.fit import FIT_ERRORS, Model, amplitude_std, linear_step, transferred_point
 from drivetool.check.starts import largest_torque
-from drivetool.identify.noise import normal_under
+from drivetool.identify.noise import filtered_normal_equations
 from drivetool.identify.problem import Normal, Point
 from drivetool.identify.setup import problem_of
 
@@ -47,7 +47,7 @@ def detection_limits_with_cause(cause: Cause, before: Mapping[str, float], model
     if not before:
         return {}
     try:
-        normal = normal_under(model.problem, model.point, model.noise)
+        normal = filtered_normal_equations(model.problem, model.point, model.noise)
         if cause.trace is None:
             found = _amplitude_stds(cause, before, model, base, normal)
         else:
@@ -87,7 +87,7 @@ def _trace_stds(cause: Cause, base: Model, variance: float | None = None) -> dic
     problem = problem_of(task.drive, task.free, task.roles, base.problem.traces)
     point = transferred_point(base, task, problem)
     try:
-        normal = normal_under(problem, point, base.noise)
+        normal = filtered_normal_equations(problem, point, base.noise)
         if variance is not None:
             normal = replace(normal, cost=variance * (problem.count - problem.unknowns))
         _, std, _ = linear_step(problem, normal, np.ones(len(task.free), bool))

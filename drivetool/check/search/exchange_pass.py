@@ -84,7 +84,7 @@ def _reassess(search: ForwardSelection, reassessed: ReassessedCauses, code: str,
     rest = Node(tuple(c for c in node.causes if c != code), less, (), {
         c: n for c, n in node.added.items() if c != code}, max(node.gained - lead, 0.0))
     if lead <= MIN_TESTABLE_GAIN * len(names) or neg_log_p_corrected(lead, len(names)) < np.log(1.0 / budget):
-        return _without_needless(search, reassessed, code, rest)
+        return _after_elimination(search, reassessed, code, rest)
     simple = _as_special_case(search, reassessed, code, first)
     if simple is not None:
         return simple
@@ -122,7 +122,7 @@ def _possible_rivals(search: ForwardSelection, reassessed: ReassessedCauses, cod
     return (rivals - {*found.causes}) | ({code} if weakly_identified else set())
 
 
-def _without_needless(search: ForwardSelection, reassessed: ReassessedCauses, code: str,
+def _after_elimination(search: ForwardSelection, reassessed: ReassessedCauses, code: str,
                       rest: Node) -> ReassessedCauses:
     """Without a cause that later ones have made needless, unless that worsens the free-run error."""
     base = search.base(search.root.model)

@@ -8,7 +8,7 @@ from dataclasses import replace
 import numpy as np
 
 from drivetool.check.fit import all_samples, gain_from_quantisation
-from drivetool.check.heldout import Score, Split, in_one_place, total_evidence
+from drivetool.check.heldout import Score, Split, gain_in_one_block, total_evidence
 from drivetool.check.outcome import Gain
 from drivetool.check.search.decision import Decision
 from drivetool.check.search.result import Base, gain_between
@@ -70,7 +70,7 @@ def _rejection_reason(s: Score, stage: Gain, base: Base, gained: float) -> str:
         return ""
     if free_runs_worse_beyond_scatter(stage):
         return WORSE_FREE_RUNS
-    return ONE_PLACE if in_one_place(s, base.model) else ""
+    return ONE_PLACE if gain_in_one_block(s, base.model) else ""
 
 
 def free_runs_worse_beyond_scatter(stage: Gain) -> bool:

@@ -33,7 +33,7 @@ MIN_JOINT_LEAD = 20.0
 JOINT_REASON = "not significant alone; found jointly with the cause of the next round"
 
 
-def doubtful(result: SearchResult) -> bool:
+def is_inconclusive(result: SearchResult) -> bool:
     """Whether the outcome leaves large residuals, worsens the free runs, or needs an implausible torque noise."""
     if result.found.causes and not result.confident:
         return True

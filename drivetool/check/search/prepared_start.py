@@ -20,7 +20,7 @@ from drivetool.check.fit import (
 )
 from drivetool.check.starts import Start
 from drivetool.drive.simulation import ObserverGains
-from drivetool.identify.noise import filtered, normal_under, with_disturbance_state
+from drivetool.identify.noise import filtered, filtered_normal_equations, with_disturbance_state
 from drivetool.identify.problem import Point, Problem, marquardt_step
 from drivetool.identify.setup import Task, problem_of
 
@@ -100,7 +100,7 @@ def prepare_start(reference: ReferenceModel, cause: Cause, start: Start, masks: 
     else:
         model = _reestimate_noise(model, masks) if cause.multimodal else model
         value = masked_loss(problem, model.point, model.noise, masks)
-        normal = normal_under(problem, model.point, model.noise)
+        normal = filtered_normal_equations(problem, model.point, model.noise)
     moves = np.array([n in start.amplitudes or n in own.task.free or not start.amplitudes for n in task.free])
     step, std, gain = linear_step(problem, normal, moves)
     expected_gain = own.value - value + log_gain(gain, problem) - reference.own_gain

@@ -9,7 +9,7 @@ from drivetool.check.faults import Fault
 from drivetool.check.fit import ResidualTests, run_residual_tests
 from drivetool.check.heldout import change_between, exact_to_rounding, over_all_records
 from drivetool.check.search.exchange_pass import ReassessedCauses, run_exchange_pass
-from drivetool.check.search.masked_causes import doubtful, find_masked_causes
+from drivetool.check.search.masked_causes import find_masked_causes, is_inconclusive
 from drivetool.check.search.result import SearchResult, SelectedCauses
 from drivetool.check.search.search import Expansion, ForwardSelection
 from drivetool.errors import Finding
@@ -27,7 +27,7 @@ def search_causes(search: ForwardSelection, faults: Sequence[Fault], notes: Sequ
     """
     path, unrequested = search.path()
     result = _search_result(search, path, unrequested, (faults, notes, train))
-    if path and doubtful(result):
+    if path and is_inconclusive(result):
         other = find_masked_causes(search, path)
         result = result if other is None else _search_result(search, *other, (faults, notes, train))
     return replace(result, change=change_between(result.whole, result.folds))

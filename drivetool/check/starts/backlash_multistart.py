@@ -20,8 +20,8 @@ from drivetool.check.fit import (
     Masks,
     Model,
     all_samples,
-    few_steps,
     fit,
+    gauss_newton_iterations,
     initial_noise,
     masked_loss,
     transferred_point,
@@ -29,7 +29,7 @@ from drivetool.check.fit import (
 )
 from drivetool.check.starts.base import is_present, start_with, torque_size
 from drivetool.identify.identifiability import load_inertia_ratio
-from drivetool.identify.noise import fit_innovations, polish
+from drivetool.identify.noise import fit_innovations, refit_with_tight_tolerance
 from drivetool.identify.problem import Point
 from drivetool.identify.setup import Outcome, Task, problem_of
 from drivetool.identify.starts import MAX_AGREEING_LOSS, log_likelihood_distance
@@ -115,7 +115,8 @@ def with_neighbouring_fits(outcome: Outcome) -> Outcome:
         model, masks, CONVERGED_FIT_ITERATIONS)
     if ends and ends[0].value < value - MAX_AGREEING_LOSS:
         model, *ends = ends
-        end = polish(problem, fit_innovations(problem, model.point, model.noise, near_optimum=True))
+        end = refit_with_tight_tolerance(problem,
+                                         fit_innovations(problem, model.point, model.noise, near_optimum=True))
         value = masked_loss(problem, end.point, end.noise, masks)
         model = replace(model, point=end.point, noise=end.noise, value=value)
         outcome = replace(outcome, solution=end.solution, fit=end)
@@ -153,5 +154,6 @@ def _two_stage_fits(starts: Iterable[Model], base: Model, masks: Masks,
         return sorted((m for m in found if np.isfinite(m.value)), key=lambda m: m.value)
 
     ends = likeliest(
-        lambda m: few_steps(replace(m, noise=with_load_noise), masks, FIRST_STEPS), starts)[:MAX_FOLLOWED_ENDS]
+        lambda m: gauss_newton_iterations(replace(m, noise=with_load_noise), masks, FIRST_STEPS),
+        starts)[:MAX_FOLLOWED_ENDS]
     return likeliest(lambda m: fit(replace(m, noise=base.noise), masks, max_iterations=max_iterations), ends)

@@ -11,7 +11,7 @@ from drivetool.check.fit import (
     FIT_ERRORS,
     Model,
     all_samples,
-    few_steps,
+    gauss_newton_iterations,
     masked_loss,
     may_have_third_mass,
     transferred_point,
@@ -104,9 +104,10 @@ def _after_steps(base: Model, tasks: Sequence[Task]) -> list[Task]:
     for task in tasks:
         problem = problem_of(task.drive, task.free, task.roles, base.problem.traces)
         try:
-            model = few_steps(unfitted(base.code, task, problem, transferred_point(base, task, problem),
-                                       base.noise),
-                              all_samples(base.problem), COMPARISON_STEPS)
+            model = gauss_newton_iterations(unfitted(base.code, task, problem,
+                                                     transferred_point(base, task, problem),
+                                                     base.noise),
+                                            all_samples(base.problem), COMPARISON_STEPS)
         except FIT_ERRORS:
             continue
         found.append((model.value, len(found), model.fitted))

@@ -20,11 +20,11 @@ from drivetool.identify.estimate import Covariance
 from drivetool.identify.noise import (
     MAX_MINUS_LOG_LIKELIHOOD,
     Noise,
-    excerpt,
     filtered,
+    first_samples_of,
     minimise_by_parabolas,
     minus_log_likelihood,
-    natural_ratio,
+    unit_noise_ratio,
 )
 from drivetool.identify.outcome import MAX_UNCERTAIN_RATIO
 from drivetool.identify.problem import Point, Problem, schur
@@ -58,8 +58,8 @@ def ratio_interval(ratio: float, natural: float, count: int) -> tuple[float, flo
 
 def likeliest_noise_in_interval(problem: Problem, point: Point, noise: Noise) -> Noise:
     """The likeliest noise of the traces at a point, with a ratio in the confidence interval of the fit."""
-    ends = ratio_interval(noise.ratio, natural_ratio(problem, point), problem.count)
-    part = excerpt(problem)
+    ends = ratio_interval(noise.ratio, unit_noise_ratio(problem, point), problem.count)
+    part = first_samples_of(problem)
 
     def value(log: float) -> float:
         with np.errstate(over="ignore", invalid="ignore"):

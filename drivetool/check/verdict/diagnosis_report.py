@@ -10,9 +10,9 @@ import numpy as np
 
 from drivetool.check.causes import CAUSES
 from drivetool.check.faults import Fault
-from drivetool.check.fit import noise_replaces_law
+from drivetool.check.fit import noise_absorbs_effect
 from drivetool.check.heldout import finding_of, records_differ_text
-from drivetool.check.outcome import UNLISTED, DiagnoseOptions, Diagnosis, Gain, Round
+from drivetool.check.outcome import OUTSIDE_CATALOGUE, DiagnoseOptions, Diagnosis, Gain, Round
 from drivetool.check.starts import with_neighbouring_fits
 from drivetool.check.validation import run_model
 from drivetool.check.verdict.facts import facts_of
@@ -28,7 +28,14 @@ from drivetool.drive import Drive
 from drivetool.errors import DriveToolError, Finding
 from drivetool.identify.estimate import Estimate, PlotData
 from drivetool.identify.identifiability import uncrossed_gaps, with_lower_limit_only
-from drivetool.identify.noise import Fit, Noise, filtered, fit_innovations, minus_log_likelihood, polish
+from drivetool.identify.noise import (
+    Fit,
+    Noise,
+    filtered,
+    fit_innovations,
+    minus_log_likelihood,
+    refit_with_tight_tolerance,
+)
 from drivetool.identify.outcome import CORRELATED, compose
 from drivetool.identify.problem import Point, Problem
 from drivetool.identify.setup import Outcome
@@ -53,7 +60,7 @@ def diagnosis_of(search: SearchResult, before: Drive, options: DiagnoseOptions) 
     if facts.causes and worsens_free_runs(facts):
         search = search.without_causes()
         gain, estimate = search.total_gain(), estimate_of(search, before, options)
-    if UNLISTED in found.between:
+    if OUTSIDE_CATALOGUE in found.between:
         search = replace(search, rounds=tuple(
             _with_possible_cause(one, one.cause) if one.cause in found.between else one for one in search.rounds))
     task, causes = search.model.task, tuple(search.found.causes)
@@ -122,7 +129,7 @@ def estimate_of(search: SearchResult, before: Drive, options: DiagnoseOptions) -
     if not converged:
         fit, converged = _fit_rounds(problem, fit.point, fit.noise, SECOND_FIT_ROUNDS)
     model = replace(model, task=task, problem=problem, point=point)
-    if noise_replaces_law(replace(model, point=fit.point, noise=fit.noise), model):
+    if noise_absorbs_effect(replace(model, point=fit.point, noise=fit.noise), model):
         fit, converged = _fit_rounds(problem, point, model.noise, LAST_FIT_ROUNDS, estimate_noise=False)
     outcome = with_neighbouring_fits(Outcome(task, problem, fit.solution, replace(fit, converged=converged), (),
                                              converged))
@@ -139,7 +146,7 @@ def _fit_rounds(problem: Problem, point: Point, noise: Noise, max_rounds: int,
                 estimate_noise: bool = True) -> tuple[Fit, bool]:
     """(the fit after some rounds from a point, whether it has converged)."""
     fit = fit_innovations(problem, point, noise, max_rounds=max_rounds, estimate_noise=estimate_noise)
-    fit = polish(problem, fit) if estimate_noise else fit  # `settle` estimates the noise again
+    fit = refit_with_tight_tolerance(problem, fit) if estimate_noise else fit  # `settle` estimates the noise again
     before = minus_log_likelihood(filtered(problem, point, noise, keep=False))
     return fit, fit.converged or fit.gain < CONVERGED_LOSS_CHANGE or abs(fit.value - before) < CONVERGED_LOSS_CHANGE
 

@@ -10,7 +10,7 @@ from drivetool.check.outcome import (
     IMPLAUSIBLE_NOISE_SHARE,
     LARGE_ERROR_TO_NOISE,
     LARGE_REMAINING_SHARE,
-    UNLISTED,
+    OUTSIDE_CATALOGUE,
     Facts,
     noise_hides_law,
 )
@@ -74,7 +74,7 @@ def residual_significant(f: Facts) -> bool:
     return f.left > (MIN_UNEXPLAINED_GAIN_QUANTISED if "quantisation" in f.faults else MIN_UNEXPLAINED_GAIN)
 
 
-def residual_contradicts_causes(f: Facts) -> bool:
+def residual_still_significant(f: Facts) -> bool:
     """Whether the residual with the causes contradicts them: they stand in for a law that is not listed."""
     return (residuals_large(f.left, f.gained) or f.left_time > MIN_UNEXPLAINED_GAIN
             or (f.repeats and "quantisation" not in f.faults))
@@ -120,13 +120,13 @@ def unexplained_judgement(f: Facts) -> Judgement:
 
 def partial_judgement(f: Facts) -> Judgement:
     """The causes found, or something in no catalogue of which they are a part."""
-    return Judgement("undetermined", f.faults, tuple(dict.fromkeys((*f.causes, *f.between, UNLISTED))),
+    return Judgement("undetermined", f.faults, tuple(dict.fromkeys((*f.causes, *f.between, OUTSIDE_CATALOGUE))),
                      f"{f.left_percent:.0f} % of the explainable residual remains")
 
 
 def undetermined_judgement(*uncertain: str, doubt: str = "") -> Callable[[Facts], Judgement]:
     """Some causes may be something in no catalogue."""
-    return lambda f: Judgement("undetermined", certain_causes(f, uncertain), (*uncertain, UNLISTED), doubt)
+    return lambda f: Judgement("undetermined", certain_causes(f, uncertain), (*uncertain, OUTSIDE_CATALOGUE), doubt)
 
 
 EVIDENCE = "Records whose cause was left out of the catalogue: part `removed` of `tests/study/study_diagnose.py`."
@@ -150,14 +150,15 @@ RULES: tuple[Rule, ...] = (
     Rule("part-of-it",
          f"{LARGE_RESIDUAL_TEXT}; and `after` is {100.0 * MIN_IMPROVED_SHARE:g} % below `before` and by "
          f"{MIN_IMPROVEMENT_STDS:g} `scatter`, or `left_percent` is below {100.0 * (1.0 - MIN_IMPROVED_SHARE):g}",
-         lambda f: bool(f.causes) and residual_contradicts_causes(f) and improves_clearly(f), partial_judgement,
+         lambda f: bool(f.causes) and residual_still_significant(f) and improves_clearly(f), partial_judgement,
          "The residual tests are significant, but the causes explain much of the residual.", WHITENESS),
     Rule("leaves-much", LARGE_RESIDUAL_TEXT,
-         lambda f: bool(f.causes) and residual_contradicts_causes(f), unexplained_judgement,
+         lambda f: bool(f.causes) and residual_still_significant(f), unexplained_judgement,
          "The residual tests are significant, and the causes explain little of the residual.", WHITENESS),
     Rule("rivals-behind-noise", "`between` names causes, and `torque_noise` hides a law as under noise-hides-a-law",
          lambda f: bool(f.between) and noise_may_hide_law(f),
-         lambda f: Judgement("undetermined", certain_causes(f), tuple(dict.fromkeys((*f.between, UNLISTED)))),
+         lambda f: Judgement("undetermined", certain_causes(f),
+                             tuple(dict.fromkeys((*f.between, OUTSIDE_CATALOGUE)))),
          "Several causes fit equally well, and none of them explains the large torque noise.", EVIDENCE),
     Rule("rivals", "`between` names causes", lambda f: bool(f.between),
          lambda f: Judgement("undetermined", certain_causes(f), f.between),

@@ -8,7 +8,7 @@ from types import MappingProxyType
 import numpy as np
 
 from drivetool.check.causes import CAUSES, DECISIVE_EXPERIMENTS
-from drivetool.check.outcome import LARGE_ERROR_TO_NOISE, UNLISTED, Gain
+from drivetool.check.outcome import LARGE_ERROR_TO_NOISE, OUTSIDE_CATALOGUE, Gain
 from drivetool.check.search import needs_of
 
 
@@ -23,7 +23,7 @@ def experiment_of(between: Sequence[str], verdict: str, shafts: bool = True, log
     if verdict == "named" and not laws:
         return ("Correct the channel in the drive's logger or in the channel map, and run greybox on the record "
                 "again.")
-    if UNLISTED in between and verdict == "undetermined" and not doubt:
+    if OUTSIDE_CATALOGUE in between and verdict == "undetermined" and not doubt:
         return ("Hold the torque constant for some seconds at several levels: torque noise then persists, the "
                 f"effect of an unmodelled law disappears.{_sensors_to_add(shafts, logged)}")
     if verdict == "undetermined" and not doubt:
@@ -91,13 +91,13 @@ def sentence_of(verdict: str, codes: tuple[Sequence[str], Sequence[str], Sequenc
             first = f"The record is at fault: {_joined_causes(faults)}. In addition, the" if faults else "The"
             certain = f"{_joined_causes(laws)}, and " if laws else ""
             maybe = _joined_causes([c for c in found if c in between])
-            rivals = [_cause_text(c) for c in between if c not in found and c != UNLISTED]
+            rivals = [_cause_text(c) for c in between if c not in found and c != OUTSIDE_CATALOGUE]
             maybe += f" (or {' or '.join(rivals)} in place of one of them)" if rivals else ""
             return (f"{first} model lacks {certain}{maybe}, or an effect outside the catalogue of which this is "
                     f"a part: {better}, but {doubt}.")
-        either = " or ".join(_cause_text(c) for c in between if c != UNLISTED)
+        either = " or ".join(_cause_text(c) for c in between if c != OUTSIDE_CATALOGUE)
         first = f"The model lacks {words or 'an effect'}{', and one further cause' * bool(causes)}: "
-        if UNLISTED in between:
+        if OUTSIDE_CATALOGUE in between:
             return (f"{first}{either} explains it best, but {better}, {_error_to_noise(gain):.0f} times the "
                     f"sensor's own noise: either the torque has noise of {100.0 * share:.0f} % of its standard "
                     "deviation, or another law is at work.")

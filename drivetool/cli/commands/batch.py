@@ -7,7 +7,7 @@ from typing import Annotated
 import typer
 
 from drivetool.cli.options import common as cli
-from drivetool.cli.output import DONE, MISSED, guarded, put, say
+from drivetool.cli.output import DONE, MISSED, guarded, say, write_stdout
 from drivetool.site import BatchRequest
 
 HELP = ("A site of recordings: the recipe of its file, done with every recording of every machine on the cores "
@@ -54,7 +54,7 @@ def command(
     """See HELP."""
     request = BatchRequest(given, recipe, map, out, workers, scheduler, time_limit, memory_limit, explain, verify,
                            retry,
-                           junit, markdown, lambda text: None if quiet else say("batch", text), put)
+                           junit, markdown, lambda text: None if quiet else say("batch", text), write_stdout)
 
     def work() -> int:
         from drivetool.site import run

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from drivetool.cli.options import common as cli
-from drivetool.cli.output import DONE, guarded, put, say
+from drivetool.cli.output import DONE, guarded, say, write_stdout
 from drivetool.errors import BadOption, DriveToolError
 from drivetool.files.disk import check_target, write_whole
 
@@ -45,7 +45,7 @@ def run(logs: list[str], out: str, quiet: bool) -> int:
     folder = Path.cwd() if out == "-" else Path(os.path.abspath(out)).parent
     text = first_site(_recording_groups(_recordings(logs), folder))
     if out == "-":
-        put(text)
+        write_stdout(text)
         return DONE
     write_whole(out, text)
     if not quiet:

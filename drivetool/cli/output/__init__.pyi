@@ -12,6 +12,6 @@ from .exit_codes import (
     USAGE as USAGE,
     exit_code as exit_code,
     guarded as guarded,
-    put as put,
     say as say,
+    write_stdout as write_stdout,
 )

@@ -7,7 +7,7 @@ import sys
 from collections.abc import Callable, Mapping, Sequence
 from typing import TYPE_CHECKING, Any
 
-from drivetool.cli.output.exit_codes import exit_code, put, say
+from drivetool.cli.output.exit_codes import exit_code, say, write_stdout
 from drivetool.files.disk import write_whole
 
 if TYPE_CHECKING:
@@ -39,9 +39,9 @@ def deliver(job: Job, file: Written, plots: Sequence[PlotData], per_unit: bool =
     if job.out not in (None, "-"):
         write_whole(job.out, dump(file))
     if job.json:
-        put(dump(file, "json"))
+        write_stdout(dump(file, "json"))
     elif job.out == "-" or (job.out is None and not terminal):
-        put(dump(file))
+        write_stdout(dump(file))
     elif terminal:
         print_table(file, per_unit)
     sys.stdout.flush()
@@ -145,7 +145,7 @@ def show_entries(title: str, entries: Sequence[Mapping[str, Any]], every: bool, 
 
     if json or not sys.stdout.isatty():
         content = {title: entries} if every else entries[0]
-        put(to_json(content) if json else to_yaml(content))
+        write_stdout(to_json(content) if json else to_yaml(content))
         return
     from rich.console import Console
 

@@ -91,7 +91,7 @@ def say(command: str, text: str) -> None:
     print(f"drivetool {command}: {text}", file=sys.stderr)
 
 
-def put(text: str) -> None:
+def write_stdout(text: str) -> None:
     """A file on standard output: the same bytes as on disk, whatever encoding a terminal would like."""
     sys.stdout.flush()
     if (buffer := getattr(sys.stdout, "buffer", None)) is None:  # a notebook's, or text kept in memory

@@ -24,7 +24,8 @@ MAX_LAW_PARAMETERS = 4  # a smooth law has at most so many: the Stribeck law has
 # Columns carried from sample to sample in one block, and width of the blocks of the remaining columns. Powers of
 # two: a block of 4 float64 fills a 256-bit vector register, one of 8 two of them.
 WIDE_BLOCK, NARROW_BLOCK = 8, 4
-MADE_FOR = range(3, 8)  # state counts with sized code: from two masses to three with an angle and a disturbance
+# State counts with sized code: from two masses to three with an angle and a disturbance.
+SIZED_STATE_COUNTS = range(3, 8)
 # Largest state and law counts with sized code for smooth laws. A choice: each pair costs compile time at first use.
 MOST_STATES, MAX_SIZED_LAWS = 7, 4
 # Largest number of instants inside a sample at which a guard is evaluated. A choice: more of them reject fewer
@@ -102,8 +103,9 @@ class Laws(NamedTuple):
     of the torques at middle and end and of their sensitivities; slopes, start_slopes, middle_slopes (nl, nx);
     end_columns (first, ns); nodes (3, nx, ns + 2 nl) and term (2, nx, ns + 2 nl)
 
-    torque, motion, columns, transition, spread, join, event_step, show    addresses of the units law_torque,
-    law_motion, law_columns, law_transition, spread, join, law_rough_step and show
+    torque, motion, columns, transition, covariance_step, premultiply, event_step, write_law_torques    addresses of
+    the units law_torque, law_motion, law_columns, law_transition, covariance_step, premultiply,
+    step_through_events_with_laws and write_law_torques
     """
 
     code: Int1
@@ -130,10 +132,10 @@ class Laws(NamedTuple):
     motion: int
     columns: int
     transition: int
-    spread: int
-    join: int
+    covariance_step: int
+    premultiply: int
     event_step: int
-    show: int
+    write_law_torques: int
 
 
 class Cache(NamedTuple):
@@ -161,8 +163,8 @@ class Cache(NamedTuple):
     series (SERIES_ORDER + 1, nx), poly (SERIES_ORDER + 1,), vectors (5, nx), row_scratch (3, nz),
     guards (elements,), gradient (ns,)
 
-    work_out, event_step, dead_time_switch    addresses of the units work_out, rough_step and, where the dead time
-                                              is free, switch_late; 0 where it is not needed
+    compute_mode, event_step, dead_time_switch    addresses of the units compute_mode, step_through_events and, where
+                                                  the dead time is free, switch_late; 0 where it is not needed
     """
 
     slot: Int1
@@ -188,12 +190,12 @@ class Cache(NamedTuple):
     row_scratch: Float2
     guards: Float1
     gradient: Float1
-    work_out: int
+    compute_mode: int
     event_step: int
     dead_time_switch: int
 
 
-class Pass(NamedTuple):
+class SimulationBuffers(NamedTuple):
     """Samples of a record to be simulated, and arrays for the results; the next call may continue from them.
 
     u, late  (n, nu)         inputs, and those before the dead time switches them inside the sample
@@ -222,7 +224,7 @@ class Pass(NamedTuple):
     states: Float2
 
 
-class Filtering(NamedTuple):
+class FilterBuffers(NamedTuple):
     """A record to be filtered, and arrays for the results.
 
     u, late, y  as in a Pass

@@ -20,7 +20,7 @@ from pathlib import Path
 
 from llvmlite import binding as llvm
 
-from drivetool.drive.arrays import MADE_FOR, MAX_SIZED_LAWS, MOST_STATES
+from drivetool.drive.arrays import MAX_SIZED_LAWS, MOST_STATES, SIZED_STATE_COUNTS
 from drivetool.drive.compile.code_folder import PRIVATE, folder, read_regular, write_whole
 from drivetool.errors import DriveToolError
 from drivetool.progress import counted
@@ -30,15 +30,17 @@ KERNEL = "drivetool.drive.kernel"  # where the files of the parts are, and `buil
 # The parts, as file.name. If a part is needed, the missing parts of the first group that contains it are compiled.
 # The parts of one line share much code and are compiled in sequence by one process; the lines run in parallel.
 # A choice: with three lines on two cores the longest one would wait.
-STEP_UNITS = ("events.rough_step", "modes.work_out")
+STEP_UNITS = ("events.step_through_events", "modes.compute_mode")
 GROUPS = (
-    *(((f"run.run{size}", f"filter.kalman{size}"), STEP_UNITS) for size in ("", *(f"_{n}" for n in MADE_FOR))),
-    (("run.run_laws", "smooth.law_motion", "smooth.law_columns", "smooth_events.law_rough_step",
-      "smooth_events.show"),
-     ("filter.kalman_laws", "filter.spread", "filter.join", "smooth.law_transition", "laws.law_torque",
-      "modes.work_out")),
+    *(((f"run.run{size}", f"filter.kalman{size}"), STEP_UNITS)
+      for size in ("", *(f"_{n}" for n in SIZED_STATE_COUNTS))),
+    (("run.run_laws", "smooth.law_motion", "smooth.law_columns", "smooth_events.step_through_events_with_laws",
+      "smooth_events.write_law_torques"),
+     ("filter.kalman_laws", "filter.covariance_step", "filter.premultiply", "smooth.law_transition",
+      "laws.law_torque",
+      "modes.compute_mode")),
     (("events.switch_late",),),
-    *(((f"filter.spread_{n}", f"filter.join_{n}"),) for n in MADE_FOR),
+    *(((f"filter.covariance_step_{n}", f"filter.premultiply_{n}"),) for n in SIZED_STATE_COUNTS),
     *(((f"smooth_sized.law_columns_{n}_{nl}",),
        (f"smooth_sized.law_motion_{n}_{nl}", f"smooth_sized.law_transition_{n}_{nl}"))
       for n in range(1, MOST_STATES + 1) for nl in range(1, MAX_SIZED_LAWS + 1)),

@@ -10,11 +10,11 @@ from __future__ import annotations
 
 from numba import njit
 
-from drivetool.drive.compile import CACHE, COMPILE, INLINED, REALS, SYSTEM, WHOLE, WHOLES, unit
+from drivetool.drive.compile import CACHE, COMPILE, INLINED, REALS, SYSTEM, WHOLE, WHOLES, separately_compiled
 from drivetool.drive.kernel.exact_step import classify, guard_values, predict, propagate_rows
-from drivetool.drive.kernel.modes import MAX_LOCATED_RATE, lookup, work_out
+from drivetool.drive.kernel.modes import MAX_LOCATED_RATE, compute_mode, lookup
 from drivetool.drive.kernel.roots import first_exit, horner
-from drivetool.drive.kernel.series import carry, series
+from drivetool.drive.kernel.series import propagate_sensitivities, series
 
 # Rounding error of a guard relative to the sum of the magnitudes of its terms: a thousand unit roundoffs.
 GUARD_ROUNDING = 1e-13
@@ -156,7 +156,7 @@ def unlocated_step(s, c, x, u, i, sens, mode, part, k, h):
     to = c.rate.size - 1
     if release_bodies(s, c.holding_torque, c.net_torque[k], x, u[i], mode):
         k = lookup(s, c, mode, part)
-    work_out(c.work_out, s, c, mode, part, k, h)
+    compute_mode(c.compute_mode, s, c, mode, part, k, h)
     predict(c.phi, to, x, u, i, c.vectors[1])
     propagate_rows(c.phi, c.dphi, to, x, u, i, sens, s.nx, c.columns[0])
     for r in range(s.nx):
@@ -186,8 +186,8 @@ def stop_reversed_bodies(s, holding_torque, net, x, u, sens, mode):
                     sens[row, q] = 0.0
 
 
-@unit(SYSTEM, CACHE, REALS[1], REALS[2], WHOLE, REALS[2], WHOLES[1], WHOLE)
-def rough_step(s, c, x, inputs, i, sens, mode, part):
+@separately_compiled(SYSTEM, CACHE, REALS[1], REALS[2], WHOLE, REALS[2], WHOLES[1], WHOLE)
+def step_through_events(s, c, x, inputs, i, sens, mode, part):
     """Carry x, sensitivities and mode over one part of a sample under inputs[i]."""
     w, p, v, t = c.series, c.poly, c.columns[1], c.columns[2]
     u, rest, events, just_switched = inputs[i], s.part_lengths[part], 0, 0
@@ -207,7 +207,7 @@ def rough_step(s, c, x, inputs, i, sens, mode, part):
             te, element, digit = next_event(s, c.holding_torque, net, mode, x, u, w, p, te, just_switched)
         if te > 0.0:
             if sens.shape[1] > 0:
-                carry(a, u, sens, w, v, t, te)
+                propagate_sensitivities(a, u, sens, w, v, t, te)
             for r in range(s.nx):
                 x[r] = horner(w[:, r], te)
             just_switched = 0
@@ -218,7 +218,7 @@ def rough_step(s, c, x, inputs, i, sens, mode, part):
             events += 1
 
 
-@unit(SYSTEM, CACHE, REALS[1], REALS[1], REALS[1], REALS[2], WHOLES[1], WHOLE)
+@separately_compiled(SYSTEM, CACHE, REALS[1], REALS[1], REALS[1], REALS[2], WHOLES[1], WHOLE)
 def switch_late(s, c, x, u, late, sens, mode, k):
     """Saltation where the held torque switches inside a sample, at the dead time.
 

@@ -7,10 +7,21 @@ from collections.abc import Callable
 
 from numba import njit
 
-from drivetool.drive.arrays import MADE_FOR, NARROW_BLOCK
-from drivetool.drive.compile import CACHE, COMPILE, FILTERING, INLINED, LAWS, REAL, REALS, SYSTEM, WHOLE, unit
+from drivetool.drive.arrays import NARROW_BLOCK, SIZED_STATE_COUNTS
+from drivetool.drive.compile import (
+    CACHE,
+    COMPILE,
+    FILTERING,
+    INLINED,
+    LAWS,
+    REAL,
+    REALS,
+    SYSTEM,
+    WHOLE,
+    separately_compiled,
+)
 from drivetool.drive.kernel.event_free_steps import sized_covariance_step, sized_filter_loop, sized_step
-from drivetool.drive.kernel.events import net_load, rough_step
+from drivetool.drive.kernel.events import net_load, step_through_events
 from drivetool.drive.kernel.exact_step import decay_state, decaying_state, mode_holds, predict
 from drivetool.drive.kernel.laws import law_slope, set_holding_torque
 from drivetool.drive.kernel.modes import lookup
@@ -24,7 +35,7 @@ from drivetool.drive.kernel.run import (
 )
 from drivetool.drive.kernel.simd_intrinsics import row_times, tuple_reader, write
 from drivetool.drive.kernel.smooth import law_motion, law_transition
-from drivetool.drive.kernel.smooth_events import law_rough_step
+from drivetool.drive.kernel.smooth_events import step_through_events_with_laws
 
 # Margin of friction over the std of the torque, above which noise moves no resting body: once in 3e6 samples.
 HOLDING_SIGMAS = 5.0
@@ -159,15 +170,15 @@ def add_sticking_uncertainty(s, c, k, mode, x, u, p, before, q, h):
                     p[j, m] += g * s.rows[m, row, 0] / s.mass[m, 0] * h * distance_square
 
 
-# Units, so that Laws.spread and Laws.join can point to a sized version instead.
-@unit(REALS[2], REALS[2], REALS[1], REAL, REALS[1], REALS[2])
-def spread(p, f, noise, q, extra, t):
+# Units, so that Laws.covariance_step and Laws.premultiply can point to a sized version instead.
+@separately_compiled(REALS[2], REALS[2], REALS[1], REAL, REALS[1], REALS[2])
+def covariance_step(p, f, noise, q, extra, t):
     """advance_covariance."""
     advance_covariance(p, f, noise, q, extra, t)
 
 
-@unit(REALS[2], REALS[2], WHOLE, REALS[2])
-def join(f, transition, n, product):
+@separately_compiled(REALS[2], REALS[2], WHOLE, REALS[2])
+def premultiply(f, transition, n, product):
     """transition = f transition, of n rows and columns, through a scratch."""
     matrix_product(f, transition, n, product)
     for j in range(n):
@@ -218,7 +229,7 @@ def law_step_with_transition(s, c, laws, k, x, u, late, i, clock, mode, transiti
             for j in range(n):
                 noise[j] = c.phi[k, j, x.size]
         else:
-            join(laws.join, t, transition, n, product)
+            premultiply(laws.premultiply, t, transition, n, product)
             propagate_noise(c.phi, k, noise, b)
         clock += s.part_lengths[part]
     return True
@@ -244,11 +255,12 @@ def step_by_parts(s, c, laws, step, number, x, u, late, i, clock, mode, transiti
                 free = event_free_step(c.phi, c.dphi, c.guard_rows, c.guard_instants, s.reach, c.holding_torque,
                                   number, x, held, i, transition, mode, b, t)
             if not free:
-                rough_step(c.event_step, s, c, x, held, i, transition, mode, part)
+                step_through_events(c.event_step, s, c, x, held, i, transition, mode, part)
                 number = lookup(s, c, mode, part)
         else:
             if parts == 1:
-                law_rough_step(laws.event_step, s, c, laws, x, held, i, clock, transition, mode, part)
+                step_through_events_with_laws(laws.event_step, s, c, laws, x, held, i, clock, transition, mode,
+                                              part)
                 number = -1
             else:
                 number, _ = law_step_or_events(s, c, laws, number, x, held, i, clock, transition, mode, part, b)
@@ -334,7 +346,7 @@ def filter_pass(s, c, laws, f, q, clock, event_free_loop, step, carry):
         for m in range(s.nf):
             k[m] = p[s.slip_rows[m], s.slip_rows[m]]
         if laws is not None:
-            spread(laws.spread, p, transition, noise, q, extra, t)
+            covariance_step(laws.covariance_step, p, transition, noise, q, extra, t)
         elif carry is not None:
             carry(p, transition, noise, q, extra)
         else:
@@ -345,36 +357,36 @@ def filter_pass(s, c, laws, f, q, clock, event_free_loop, step, carry):
 
 
 def spread_for(n: int) -> Callable:
-    """The unit `spread` for n states."""
+    """The unit `covariance_step` for n states."""
     carry = sized_covariance_step(n)
 
-    @unit(REALS[2], REALS[2], REALS[1], REAL, REALS[1], REALS[2])
-    def spread(p, f, noise, q, extra, t):
+    @separately_compiled(REALS[2], REALS[2], REALS[1], REAL, REALS[1], REALS[2])
+    def covariance_step(p, f, noise, q, extra, t):
         carry(p, f, noise, q, extra)
 
-    return spread
+    return covariance_step
 
 
 def join_for(n: int) -> Callable:
-    """The unit `join` for n states."""
+    """The unit `premultiply` for n states."""
     columns = tuple_reader(n, NARROW_BLOCK)
 
-    @unit(REALS[2], REALS[2], WHOLE, REALS[2])
-    def join(f, transition, _, product):
+    @separately_compiled(REALS[2], REALS[2], WHOLE, REALS[2])
+    def premultiply(f, transition, _, product):
         width = transition.shape[1]
         for q in range(0, n, NARROW_BLOCK):
             block = columns(transition, q, width)
             for r in range(n):
                 write(transition, q + r * width, row_times(f, r * f.shape[1], block))
 
-    return join
+    return premultiply
 
 
-spread_3, spread_4, spread_5, spread_6, spread_7 = (spread_for(n) for n in MADE_FOR)
-join_3, join_4, join_5, join_6, join_7 = (join_for(n) for n in MADE_FOR)
+spread_3, spread_4, spread_5, spread_6, spread_7 = (spread_for(n) for n in SIZED_STATE_COUNTS)
+join_3, join_4, join_5, join_6, join_7 = (join_for(n) for n in SIZED_STATE_COUNTS)
 
 
-@unit(SYSTEM, CACHE, FILTERING, REAL, REAL)
+@separately_compiled(SYSTEM, CACHE, FILTERING, REAL, REAL)
 def kalman(s, c, f, q, clock):
     """Filter a record; see filter_pass."""
     filter_pass(s, c, None, f, q, clock, None, None, None)
@@ -384,17 +396,17 @@ def sized_kalman(n: int) -> Callable:
     """The unit `kalman` for n states and one input: unrolled loops are much faster."""
     event_free_loop, step, carry = sized_filter_loop(n), sized_step(n), sized_covariance_step(n)
 
-    @unit(SYSTEM, CACHE, FILTERING, REAL, REAL)
+    @separately_compiled(SYSTEM, CACHE, FILTERING, REAL, REAL)
     def kalman(s, c, f, q, clock):
         filter_pass(s, c, None, f, q, clock, event_free_loop, step, carry)
 
     return kalman
 
 
-kalman_3, kalman_4, kalman_5, kalman_6, kalman_7 = (sized_kalman(n) for n in MADE_FOR)
+kalman_3, kalman_4, kalman_5, kalman_6, kalman_7 = (sized_kalman(n) for n in SIZED_STATE_COUNTS)
 
 
-@unit(SYSTEM, CACHE, LAWS, FILTERING, REAL, REAL)
+@separately_compiled(SYSTEM, CACHE, LAWS, FILTERING, REAL, REAL)
 def kalman_laws(s, c, laws, f, q, clock):
     """The same with smooth laws."""
     filter_pass(s, c, laws, f, q, clock, None, None, None)

@@ -6,7 +6,7 @@ import numpy as np
 from numba import njit
 
 from drivetool.drive.arrays import MAX_GUARD_INSTANTS, WIDE_BLOCK
-from drivetool.drive.compile import CACHE, COMPILE, INLINED, REAL, SYSTEM, WHOLE, WHOLES, unit
+from drivetool.drive.compile import CACHE, COMPILE, INLINED, REAL, SYSTEM, WHOLE, WHOLES, separately_compiled
 
 # The Taylor terms after which exp is exact to rounding for a norm of one half.
 TAYLOR_TERMS = 14
@@ -30,12 +30,12 @@ def lookup(s, c, mode, part):
         k = c.slot[last]
         c.slot[last] += 1
         c.slot[number] = k
-        work_out(c.work_out, s, c, mode, part, k, 0.0)
+        compute_mode(c.compute_mode, s, c, mode, part, k, 0.0)
     return k
 
 
-@unit(SYSTEM, CACHE, WHOLES[1], WHOLE, WHOLE, REAL)
-def work_out(s, c, mode, part, k, h):
+@separately_compiled(SYSTEM, CACHE, WHOLES[1], WHOLE, WHOLE, REAL)
+def compute_mode(s, c, mode, part, k, h):
     """Fill slot k; with h > 0 only the last slot, with the step of mode k over h seconds."""
     if h > 0.0:
         step_matrix(s, c, mode, k, c.rate.size - 1, h)

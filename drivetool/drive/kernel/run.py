@@ -7,10 +7,21 @@ from collections.abc import Callable
 
 from numba import njit
 
-from drivetool.drive.arrays import MADE_FOR
-from drivetool.drive.compile import CACHE, COMPILE, INLINED, LAWS, NO_OVERLAP, PASS, REAL, SYSTEM, WHOLE, unit
+from drivetool.drive.arrays import SIZED_STATE_COUNTS
+from drivetool.drive.compile import (
+    CACHE,
+    COMPILE,
+    INLINED,
+    LAWS,
+    NO_OVERLAP,
+    PASS,
+    REAL,
+    SYSTEM,
+    WHOLE,
+    separately_compiled,
+)
 from drivetool.drive.kernel.event_free_steps import sized_run_loop, sized_step, write_row
-from drivetool.drive.kernel.events import net_load, rough_step, switch_late
+from drivetool.drive.kernel.events import net_load, step_through_events, switch_late
 from drivetool.drive.kernel.exact_step import (
     classify,
     decay_state,
@@ -24,7 +35,7 @@ from drivetool.drive.kernel.laws import set_holding_torque
 from drivetool.drive.kernel.modes import lookup
 from drivetool.drive.kernel.outputs import output_gradient, output_row
 from drivetool.drive.kernel.smooth import law_step
-from drivetool.drive.kernel.smooth_events import law_rough_step, show
+from drivetool.drive.kernel.smooth_events import step_through_events_with_laws, write_law_torques
 
 # A corrected speed that friction stops within this fraction of a sample is no motion: at the same deceleration the
 # travel is a hundredth of that of a body that needs the whole sample to stop.
@@ -82,7 +93,7 @@ def law_step_or_events(s, c, laws, k, x, held, i, clock, sens, mode, part, b):
         k = lookup(s, c, mode, part)
     if law_step(s, c, laws, k, part, x, held, i, clock, sens, mode, b, c.row_scratch[0]):
         return k, True
-    law_rough_step(laws.event_step, s, c, laws, x, held, i, clock, sens, mode, part)
+    step_through_events_with_laws(laws.event_step, s, c, laws, x, held, i, clock, sens, mode, part)
     return -1, False
 
 
@@ -180,7 +191,7 @@ def simulate_pass(s, c, laws, p, clock, event_free_loop, step):
                     free = event_free_step(phi, dphi, guard_rows, guard_instants, reach, level, k, x, held, i, sens,
                                       mode, b, t)
                 if not free:
-                    rough_step(c.event_step, s, c, x, held, i, sens, mode, part)
+                    step_through_events(c.event_step, s, c, x, held, i, sens, mode, part)
                     located += 1
                     first = -1
             if c.dead_time_switch != 0 and part + 1 == early:
@@ -195,10 +206,10 @@ def simulate_pass(s, c, laws, p, clock, event_free_loop, step):
 def update_output_torques(s, laws, x, clock, mode, sens):
     """Write the torques of the laws into the state, if an output reads them."""
     if laws.in_output != 0:
-        show(laws.show, s, laws, x, clock, mode, sens)
+        write_law_torques(laws.write_law_torques, s, laws, x, clock, mode, sens)
 
 
-@unit(SYSTEM, CACHE, PASS, REAL, gives=WHOLE)
+@separately_compiled(SYSTEM, CACHE, PASS, REAL, gives=WHOLE)
 def run(s, c, p, clock):
     """Simulate the samples of a pass; see simulate_pass."""
     return simulate_pass(s, c, None, p, clock, None, None)
@@ -208,7 +219,7 @@ def sized_run(n: int) -> Callable:
     """The unit `run` for n states and one input: unrolled loops are much faster."""
     event_free_loop, step = sized_run_loop(n), sized_step(n)
 
-    @unit(SYSTEM, CACHE, PASS, REAL, gives=WHOLE)
+    @separately_compiled(SYSTEM, CACHE, PASS, REAL, gives=WHOLE)
     def run(s, c, p, clock):
         return simulate_pass(s, c, None, p, clock, event_free_loop, step)
 
@@ -216,10 +227,10 @@ def sized_run(n: int) -> Callable:
 
 
 # Two masses, two with an angle, three, three with an angle, and that with a correlated torque disturbance.
-run_3, run_4, run_5, run_6, run_7 = (sized_run(n) for n in MADE_FOR)
+run_3, run_4, run_5, run_6, run_7 = (sized_run(n) for n in SIZED_STATE_COUNTS)
 
 
-@unit(SYSTEM, CACHE, LAWS, PASS, REAL, gives=WHOLE)
+@separately_compiled(SYSTEM, CACHE, LAWS, PASS, REAL, gives=WHOLE)
 def run_laws(s, c, laws, p, clock):
     """The same with smooth laws."""
     return simulate_pass(s, c, laws, p, clock, None, None)

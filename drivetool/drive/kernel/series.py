@@ -96,7 +96,7 @@ def next_term(a, u, w, n, power, g, v, t):
 
 
 @njit(**INLINED)
-def carry(a, u, sens, w, v, t, te):
+def propagate_sensitivities(a, u, sens, w, v, t, te):
     """Sensitivities across a stretch without event, as a power series."""
     nx, ns = sens.shape
     for r in range(nx):

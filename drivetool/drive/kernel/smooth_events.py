@@ -5,7 +5,18 @@ from __future__ import annotations
 from numba import njit
 
 from drivetool.drive.arrays import SERIES_ORDER
-from drivetool.drive.compile import CACHE, COMPILE, LAWS, NO_OVERLAP, REAL, REALS, SYSTEM, WHOLE, WHOLES, unit
+from drivetool.drive.compile import (
+    CACHE,
+    COMPILE,
+    LAWS,
+    NO_OVERLAP,
+    REAL,
+    REALS,
+    SYSTEM,
+    WHOLE,
+    WHOLES,
+    separately_compiled,
+)
 from drivetool.drive.kernel.events import MAX_EVENTS_PER_PART, net_load, next_event, switch_mode, unlocated_step
 from drivetool.drive.kernel.laws import law_at, set_holding_torque
 from drivetool.drive.kernel.modes import MAX_LOCATED_RATE, lookup
@@ -218,8 +229,8 @@ def constant_torque_columns(s, laws, x, mode, sens):
             sens[at + 1, q] = sens[at + 2, q] = 0.0
 
 
-@unit(SYSTEM, CACHE, LAWS, REALS[1], REALS[2], WHOLE, REAL, REALS[2], WHOLES[1], WHOLE)
-def law_rough_step(s, c, laws, x, inputs, i, time, sens, mode, part):
+@separately_compiled(SYSTEM, CACHE, LAWS, REALS[1], REALS[2], WHOLE, REAL, REALS[2], WHOLES[1], WHOLE)
+def step_through_events_with_laws(s, c, laws, x, inputs, i, time, sens, mode, part):
     """Carry x, sensitivities and mode over one part of a sample under inputs[i]."""
     w, p, u = c.series, c.poly, inputs[i]
     whole, rest, events, just_switched, shortened = s.part_lengths[part], s.part_lengths[part], 0, 0, 0
@@ -286,8 +297,8 @@ def correct_saltation(s, holding_torque, net, f, side, dropped, x, u, sens):
         sens[s.slip_rows[f], q] *= factor
 
 
-@unit(SYSTEM, LAWS, REALS[1], REAL, WHOLES[1], REALS[2])
-def show(s, laws, x, time, mode, sens):
+@separately_compiled(SYSTEM, LAWS, REALS[1], REAL, WHOLES[1], REALS[2])
+def write_law_torques(s, laws, x, time, mode, sens):
     """Write the torques of the laws, and their sensitivities, into the state, where an output reads them."""
     for m in range(laws.code.size):
         law_at(laws, m, x, time, mode, s.ng, laws.torque_jets[0, m])

@@ -10,7 +10,7 @@ from collections.abc import Callable
 from numba import njit
 
 from drivetool.drive.arrays import MAX_SIZED_LAWS, MOST_STATES, NARROW_BLOCK, WIDE_BLOCK
-from drivetool.drive.compile import CACHE, INLINED, LAWS, REAL, REALS, SYSTEM, WHOLE, WHOLES, unit
+from drivetool.drive.compile import CACHE, INLINED, LAWS, REAL, REALS, SYSTEM, WHOLE, WHOLES, separately_compiled
 from drivetool.drive.kernel.laws import gap_side, law_slope, parameter_columns
 from drivetool.drive.kernel.simd_intrinsics import (
     add_weighted,
@@ -26,8 +26,9 @@ from drivetool.drive.kernel.smooth import motion_of, torque_row
 
 def motion_for(n: int, nl: int) -> Callable:
     """The unit law_motion for n states and nl laws."""
-    @unit(SYSTEM, CACHE, LAWS, WHOLE, WHOLE, REALS[1], REALS[2], WHOLE, REAL, WHOLES[1], REALS[1], REALS[1],
-          gives=WHOLE)
+    @separately_compiled(SYSTEM, CACHE, LAWS, WHOLE, WHOLE, REALS[1], REALS[2], WHOLE, REAL, WHOLES[1], REALS[1],
+                         REALS[1],
+                         gives=WHOLE)
     def law_motion(s, c, laws, k, part, x, u, i, time, mode, b, x_mid):
         return motion_of(s, c, laws, k, part, x, u, i, time, mode, b, x_mid, n, nl)
 
@@ -88,7 +89,8 @@ def columns_for(n: int, nl: int) -> Callable:
     narrow, one_narrow, all_narrow = (tuple_reader(count, NARROW_BLOCK) for count in (rows, 1, nl))
     add_torque_effect, depends_on = torque_effect_for(n, nl), dependence_test_for(nl)
 
-    @unit(SYSTEM, CACHE, LAWS, WHOLE, REALS[1], REALS[2], WHOLE, WHOLES[1], REALS[1], REALS[1], REALS[2])
+    @separately_compiled(SYSTEM, CACHE, LAWS, WHOLE, REALS[1], REALS[2], WHOLE, WHOLES[1], REALS[1], REALS[1],
+                         REALS[2])
     def law_columns(s, c, laws, k, x, u, i, mode, y, b, sens):
         jets, right, middle, last, inverse = (
             laws.torque_jets, laws.torque_columns, laws.middle_slopes, laws.slopes, laws.matrix_scratch)
@@ -149,7 +151,7 @@ def transition_for(n: int, nl: int) -> Callable:
             total = plus_scaled(total, step[r, n + 3 * m], first[m])
         return total
 
-    @unit(CACHE, LAWS, WHOLE, REALS[2])
+    @separately_compiled(CACHE, LAWS, WHOLE, REALS[2])
     def law_transition(c, laws, k, transition):
         jets, phi, phi_mid, right, inverse = (
             laws.torque_jets, c.phi[k], c.phi_mid[k], laws.torque_columns, laws.matrix_scratch)

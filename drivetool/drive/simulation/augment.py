@@ -9,7 +9,7 @@ from __future__ import annotations
 import numpy as np
 
 from drivetool.drive import Assembly, Drive, Dual, Law, Layout
-from drivetool.drive.arrays import MADE_FOR, MAX_LAW_PARAMETERS, MAX_SIZED_LAWS, MOST_STATES, Laws, System
+from drivetool.drive.arrays import MAX_LAW_PARAMETERS, MAX_SIZED_LAWS, MOST_STATES, SIZED_STATE_COUNTS, Laws, System
 from drivetool.drive.compile import address
 from drivetool.drive.effects import LAW_TORQUES
 from drivetool.drive.simulation.simulate import Plant
@@ -117,6 +117,7 @@ def _law_arrays(assembly: Assembly, s: System, first: int) -> Laws:
         np.zeros((nl, s.nx)), np.zeros((nl, s.nx)), np.zeros((nl, s.nx)), np.zeros((first, ns)),
         np.zeros((3, s.nx, ns + 2 * nl)), np.zeros((2, s.nx, ns + 2 * nl)),
         address("law_torque"), *(address(unit + sized) for unit in ("law_motion", "law_columns", "law_transition")),
-        *(address(f"{unit}_{first}" if first in MADE_FOR else unit) for unit in ("spread", "join")),
-        address("law_rough_step"), address("show") if in_output else 0)
+        *(address(f"{unit}_{first}" if first in SIZED_STATE_COUNTS else unit)
+          for unit in ("covariance_step", "premultiply")),
+        address("step_through_events_with_laws"), address("write_law_torques") if in_output else 0)
 

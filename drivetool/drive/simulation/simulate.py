@@ -7,7 +7,17 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from drivetool.drive.arrays import MADE_FOR, Cache, Filtering, Laws, Pass, System, address_of, empty_cache, packed
+from drivetool.drive.arrays import (
+    SIZED_STATE_COUNTS,
+    Cache,
+    FilterBuffers,
+    Laws,
+    SimulationBuffers,
+    System,
+    address_of,
+    empty_cache,
+    packed,
+)
 from drivetool.drive.compile import address, function
 
 # Samples whose sensitivities are in memory at a time. A choice: a few MB, and few calls per record.
@@ -83,7 +93,8 @@ class Plant:
             self.laws is None, self.system.parts_before_switch > 0 and self.system.dead_time_gradient.any())
         address(self._unit_name("run"))  # before its units, which are compiled in parallel
         cache = empty_cache(self.system, self.laws, (
-            address("work_out"), address("rough_step") if exact else 0, address("switch_late") if late else 0))
+            address("compute_mode"), address("step_through_events") if exact else 0,
+            address("switch_late") if late else 0))
         object.__setattr__(self, "cache", cache)
         object.__setattr__(self, "tables", tuple(
             packed(t) for t in (self.system, cache, self.laws) if t is not None))
@@ -93,7 +104,7 @@ class Plant:
         """Number of states, without those that the smooth laws add."""
         return self.system.plain
 
-    def _call(self, name: str, record: Pass | Filtering, *numbers: float) -> int:
+    def _call(self, name: str, record: SimulationBuffers | FilterBuffers, *numbers: float) -> int:
         """Run a unit of the kernel over a record."""
         tables = (*self.tables, packed(record))
         return function(self._unit_name(name))(*map(address_of, tables), *numbers)
@@ -102,7 +113,7 @@ class Plant:
         """Name of the kernel's unit that is compiled for this system's size."""
         if self.laws is not None:
             return f"{name}_laws"
-        return f"{name}_{self.nx}" if self.system.nu == 1 and self.nx in MADE_FOR else name
+        return f"{name}_{self.nx}" if self.system.nu == 1 and self.nx in SIZED_STATE_COUNTS else name
 
     def _full_state(self, start: np.ndarray) -> np.ndarray:
         x = np.zeros(self.system.nx)
@@ -138,7 +149,7 @@ class Plant:
         u, late = self.held(trace)
         out = np.empty((n, s.ny))
         states = np.empty((n if keep else 0, s.nx))
-        events = self._call("run", Pass(
+        events = self._call("run", SimulationBuffers(
             u, late, trace.outputs, *_observer(s, gains, slice(None)), self._full_state(start), np.zeros((s.nx, 0)),
             np.ones(s.ng + s.nf, np.int64), True, out, np.empty((0, s.ny, s.ns)), states), trace.origin)
         return out, states[:, :self.nx], events
@@ -177,7 +188,8 @@ class Plant:
             gain, scale = _observer(s, gains, part)
             if gains is None and weight is not None:
                 scale = np.broadcast_to(weight, (len(rows), s.ny)).copy()
-            self._call("run", Pass(u[part], late[part], trace.outputs[part], gain, scale, x, sens, mode, a == 0,
+            self._call("run", SimulationBuffers(u[part], late[part], trace.outputs[part], gain, scale, x, sens,
+                                                mode, a == 0,
                            np.empty((len(rows), s.ny)), rows, np.empty((0, s.nx))), trace.origin + a * trace.step)
             yield part, rows
 
@@ -188,7 +200,7 @@ class Plant:
         u, late = self.held(trace)
         sens = self._initial_sensitivities()
         out, jac = np.empty((n, s.ny)), np.empty((n, s.ny, s.ns))
-        self._call("run", Pass(
+        self._call("run", SimulationBuffers(
             u, late, trace.outputs, *_observer(s, gains, slice(None)), self._full_state(start), sens,
             np.ones(s.ng + s.nf, np.int64), True, out, jac, np.empty((0, s.nx))), trace.origin)
         return out, jac
@@ -210,11 +222,11 @@ class Plant:
         gain = np.zeros((n if keep else 0, s.ny, s.nx))
         states = np.empty((n if keep else 0, s.nx))
         var, innov = np.empty((n, s.ny)), np.empty((n, s.ny))
-        self._call("kalman", Filtering(
+        self._call("kalman", FilterBuffers(
             u, late, trace.outputs, sensor, added_variance,
             np.zeros(self.nx) if noise_input is None else noise_input, p,
             self._full_state(start), np.ones(s.ng + s.nf, np.int64), gain, var, innov, states),
-            torque, trace.origin)
+                   torque, trace.origin)
         # A covariance below its rounding errors: an infinite variance makes this point's likelihood the lowest.
         var[var <= 0.0] = np.inf
         return Filtered(ObserverGains(gain, 1.0 / np.sqrt(var)), innov, var, states[:, :self.nx])

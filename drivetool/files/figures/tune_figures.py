@@ -10,7 +10,7 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
-    from drivetool.tune import Frequencies, LimitCyclePlotData, LoadStep, Plane, SpreadPicture
+    from drivetool.tune import Frequencies, GainTimeMap, LimitCyclePlotData, LoadStep, SpreadPicture
 
 from drivetool.files.figures.plot_style import BLUE, CYCLE, GREEN, GREY, INK, ORANGE, RED
 
@@ -18,7 +18,7 @@ from drivetool.files.figures.plot_style import BLUE, CYCLE, GREEN, GREY, INK, OR
 SENSITIVITY_LEVELS = (-6.0, -3.0, 0.0, 1.0, 3.0, 6.0, 12.0, 20.0)
 
 
-def plane(picture: Plane) -> Figure:
+def plane(picture: GainTimeMap) -> Figure:
     """Iso-lines of a figure and of Ms; where the loop is unstable, grey."""
     from matplotlib.colors import LogNorm
     from matplotlib.figure import Figure
@@ -50,7 +50,7 @@ def plane(picture: Plane) -> Figure:
     return drawn
 
 
-def _log_axes(axis: Axes, picture: Plane) -> None:
+def _log_axes(axis: Axes, picture: GainTimeMap) -> None:
     """Equal ratios on both axes, ticks at 1, 2 and 5."""
     from matplotlib.ticker import FuncFormatter, LogLocator, NullLocator
 
@@ -64,7 +64,7 @@ def _log_axes(axis: Axes, picture: Plane) -> None:
     axis.set_xlabel("integral time Ti [s]")
 
 
-def _sensitivity_lines(axis: Axes, picture: Plane) -> None:
+def _sensitivity_lines(axis: Axes, picture: GainTimeMap) -> None:
     """The limit, 6 and 12 dB; unstable loops have none."""
     ms = np.where(np.isfinite(picture.ms), picture.ms, 1e6)
     wanted = sorted({picture.limit, 10 ** (6.0 / 20.0), 10 ** (12.0 / 20.0)})
@@ -231,7 +231,7 @@ def spread(picture: SpreadPicture) -> Figure:
     return drawn
 
 
-def hunting(picture: LimitCyclePlotData) -> Figure:
+def limit_cycle(picture: LimitCyclePlotData) -> Figure:
     """Speeds and torque after the disturbance of the load, one column per situation."""
     from matplotlib.figure import Figure
 
@@ -262,4 +262,4 @@ def hunting(picture: LimitCyclePlotData) -> Figure:
 
 
 KINDS = {"criterion-plane": plane, "impact-drop-plane": plane, "load-step": load_step, "nichols": nichols,
-         "sensitivity": sensitivity, "spread": spread, "hunting": hunting}
+         "sensitivity": sensitivity, "spread": spread, "hunting": limit_cycle}

@@ -6,7 +6,7 @@ import re
 from collections.abc import Iterable, Mapping, Sequence
 from html import escape as _escape
 
-from drivetool.check.outcome import UNLISTED, Diagnosis, Gain
+from drivetool.check.outcome import OUTSIDE_CATALOGUE, Diagnosis, Gain
 from drivetool.files.figures import svg
 from drivetool.files.pages.report_style import CSS
 from drivetool.files.shapes import parameter_shapes as shapes
@@ -74,7 +74,8 @@ def _causes_html(diagnosis: Diagnosis) -> str:
     final = {p.name: p for p in diagnosis.estimate.parameters}
     for found in words.reported_candidates(diagnosis):
         is_found, is_closest = found.code in diagnosis.causes, found.code in diagnosis.closest
-        is_part = UNLISTED in diagnosis.between and found.code != UNLISTED  # in the extended drive, with the others
+        # In the extended drive, with the others.
+        is_part = OUTSIDE_CATALOGUE in diagnosis.between and found.code != OUTSIDE_CATALOGUE
         name, text, look = words.cause_words(found, final if is_found or is_closest or is_part else {})
         qualifier = "" if is_found else " (comes closest)" if is_closest else (
             " (part of the cause, or the whole cause)" if is_part else " (one of the possible causes)")

@@ -18,7 +18,7 @@ from drivetool.files.yaml import to_json, to_plain, to_yaml
 from drivetool.finding_codes import DOUBTING
 from drivetool.identify.estimate import Z95, Covariance, Estimate, FoundLaw, Parameter, Starts, derived_figures_of
 
-TAKEN_OVER = "copied from the parameter file, not used in this step"
+COPIED_PARAMETER = "copied from the parameter file, not used in this step"
 COAST_DOWN_FIGURES = ("rmse_counts", "nrmse_mean", "sensor_rmse", "parameters_rmse")
 Form = Literal["yaml", "json"]
 Inputs = Sequence[tuple[str, str]]
@@ -61,7 +61,7 @@ def estimate_file(estimate: Estimate, inputs: Inputs = (),
     for name, value in drive.values.items():
         if name not in parameters:
             # Otherwise the next step would lose the results of an earlier one.
-            reason = f"inputs in {drive.input_unit} are multiplied by it" if is_constant(name) else TAKEN_OVER
+            reason = f"inputs in {drive.input_unit} are multiplied by it" if is_constant(name) else COPIED_PARAMETER
             parameters[name] = parameter_section(Parameter(
                 name, value, drive.unit(name), status="held", reason=reason))
     order = {name: i for i, name in enumerate(drive.quantities)}

@@ -7,7 +7,7 @@ from collections.abc import Mapping
 from types import MappingProxyType
 
 from drivetool.check.causes import CAUSES, size_parameters
-from drivetool.check.outcome import UNLISTED, CandidateResult, Diagnosis, Gain, Round
+from drivetool.check.outcome import OUTSIDE_CATALOGUE, CandidateResult, Diagnosis, Gain, Round
 from drivetool.files.shapes import CandidateSection
 from drivetool.files.tables.result_tables import rounded, short
 from drivetool.identify.estimate import Parameter
@@ -48,7 +48,7 @@ def cause_words(found: CandidateResult, final: Mapping[str, Parameter] = Mapping
 
     final  parameters of the extended drive, where it has the cause: rounds after its own have moved its size
     """
-    if found.code == UNLISTED:
+    if found.code == OUTSIDE_CATALOGUE:
         return ("Or an effect outside the catalogue", "The residual is larger than the usual noise of sensors "
                 "and torques.", "")
     cause = CAUSES.get(found.code)

@@ -58,10 +58,10 @@ from drivetool.identify.setup import (
     after_transient,
     at_rates,
     first_states,
+    free_shared_by_records,
     known_states,
     refuse_free_torque_constants,
     roles_of,
-    shared_by_some,
 )
 from drivetool.identify.shaft_torque import (
     BothLaws,
@@ -110,7 +110,7 @@ def backlash(experiments: Sequence[Experiment], drive: Drive, options: Options) 
         drive = with_frictions(drive, roles, options)
     requested, options = options, with_all_expanded(options, drive, experiments)
     gaps = [f"{s}.half_gap" for s in drive.shafts]
-    free = shared_by_some(free_parameters(drive, gaps, options), drive, experiments)
+    free = free_shared_by_records(free_parameters(drive, gaps, options), drive, experiments)
     gaps = [g for g in gaps if g in free]
     task = Task(drive, free, roles, tuple(experiments), known_states(options.start, drive, free, roles))
     closed = {g: contact_of(task.at({g: 0.0}), drive.shafts.index(g.split(".")[0])) for g in gaps}
@@ -166,7 +166,7 @@ def _by_inverse(experiments: Sequence[Experiment], drive: Drive, options: Option
     drive = with_friction_parts(drive)
     free = free_parameters(drive, [f"{s}.half_gap" for s in drive.shafts],
                            with_all_expanded(options, drive, experiments))
-    free = shared_by_some(free, drive, experiments)
+    free = free_shared_by_records(free, drive, experiments)
     return replace(greybox_by_inverse(experiments, drive, free, roles, options), step="backlash")
 
 

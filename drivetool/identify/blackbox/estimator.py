@@ -23,7 +23,7 @@ from drivetool.identify.channels import torque_timing
 from drivetool.identify.estimate import Estimate
 from drivetool.identify.fit import with_coloured_noise
 from drivetool.identify.greybox import ALL
-from drivetool.identify.noise import fit_innovations, polish
+from drivetool.identify.noise import fit_innovations, refit_with_tight_tolerance
 from drivetool.identify.problem import MIN_SPARE_SAMPLES, Point, Problem, solve
 from drivetool.identify.setup import Options, Outcome, Roles, Task, at_rates, both_outputs, roles_of, traces_of
 from drivetool.identify.starts import attempt_or_none, without_failed
@@ -177,7 +177,7 @@ def _fit_from(task: Task, form: TransferForm, options: Options, values: Sequence
                        float(minus_log_likelihood_of(o) - minus_log_likelihood_of(best))}
                   for v, o in zip(values, found, strict=True) if o is not None)
     if best.fit is not None:
-        fit = polish(best.problem, best.fit)
+        fit = refit_with_tight_tolerance(best.problem, best.fit)
         best = replace(best, solution=fit.solution, fit=fit)
     return replace(best, starts=tried)
 

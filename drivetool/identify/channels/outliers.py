@@ -12,7 +12,7 @@ from dataclasses import replace
 import numpy as np
 
 from drivetool.errors import Finding
-from drivetool.identify.noise import fit_innovations, polish
+from drivetool.identify.noise import fit_innovations, refit_with_tight_tolerance
 from drivetool.identify.setup import Outcome, Task, has_gap
 from drivetool.logs.samples import STD_PER_MAD
 
@@ -38,7 +38,7 @@ def without_outliers(outcome: Outcome) -> tuple[Outcome, list[Finding]]:
         times += fresh
         task = task.at_point(outcome.solution.point)
         problem = task.problem()
-        fit = polish(problem,
+        fit = refit_with_tight_tolerance(problem,
                      fit_innovations(problem, outcome.solution.point, outcome.fit.noise, near_optimum=True))
         outcome = Outcome(task, problem, fit.solution, fit, outcome.starts, fit.converged)
     return (outcome, [_outlier_finding(first, outcome, times)]) if times else (outcome, [])

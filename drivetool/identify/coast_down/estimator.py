@@ -14,7 +14,7 @@ from drivetool.drive.effects import EFFECT as INDUCTION, mean_torque
 from drivetool.errors import BadOption, NotEnoughData
 from drivetool.identify.acceleration import RigidDrive, as_drive_parameters, held_value, rigid_of
 from drivetool.identify.coast_down.coast_down_fit import NO_PRIOR, CoastDownFit, Prior, Run, fit, run_of
-from drivetool.identify.coast_down.laws import MISFIT_SIGNIFICANCE, FurtherLaw, further_law, start_drives
+from drivetool.identify.coast_down.laws import MISFIT_SIGNIFICANCE, AdditionalFrictionLaw, further_law, start_drives
 from drivetool.identify.coast_down.report import (
     INERTIA,
     MAX_STD_TO_VALUE,
@@ -180,7 +180,7 @@ def _scale_by_torque(drive: Drive) -> str:
 
 
 def _law_test(ended: Drive, runs: Sequence[Run], prior: Prior, fitted: CoastDownFit,
-            first: tuple[Run, CoastDownFit] | None) -> tuple[CoastDownFit, FurtherLaw | None]:
+            first: tuple[Run, CoastDownFit] | None) -> tuple[CoastDownFit, AdditionalFrictionLaw | None]:
     """(fit by which the friction law is tested, missing law); from the first coast-down alone where they differ.
 
     A misfit under torque may be an error of the torque: only coast-downs test the friction.

@@ -42,7 +42,7 @@ class ErrorReduction:
 
 
 @dataclass(frozen=True)
-class FurtherLaw:
+class AdditionalFrictionLaw:
     """Laws that explain the residual and are not distinguishable, the likeliest first; the gain of that one.
 
     laws    each one law, or two together; names: parameters of the likeliest
@@ -76,7 +76,7 @@ def start_drives(start: Drive, free: Sequence[str]) -> list[Drive]:
 
 
 def further_law(ended: Drive, free: Sequence[str], runs: Sequence[Run], prior: Prior, fitted: CoastDownFit,
-                ) -> FurtherLaw | None:
+                ) -> AdditionalFrictionLaw | None:
     """Try each law in addition to the fitted ones, and two where one does not suffice; None: none explains it.
 
     ended  the drive with the fitted values
@@ -96,7 +96,7 @@ def further_law(ended: Drive, free: Sequence[str], runs: Sequence[Run], prior: P
     gains = [_error_reduction(_angle_errors(ended, fitted, runs, end),
                               _angle_errors(best.drive, best.fitted, runs, end)) for end in END_READINGS]
     gain = replace(gains[0], low=min(g.low for g in gains), high=max(g.high for g in gains))
-    return FurtherLaw(alike, _parameters_of(best.laws), gain, best.fitted.misfit)
+    return AdditionalFrictionLaw(alike, _parameters_of(best.laws), gain, best.fitted.misfit)
 
 
 def _parameters_of(laws: Sequence[str]) -> tuple[str, ...]:

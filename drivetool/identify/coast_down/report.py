@@ -13,8 +13,8 @@ from drivetool.drive import RECORD_MARK, Drive
 from drivetool.drive.effects import steady_torque
 from drivetool.errors import Finding
 from drivetool.identify.coast_down.coast_down_fit import NO_PRIOR, SPEED_GROUPS, CoastDownFit, Run, fit
-from drivetool.identify.coast_down.laws import MISFIT_SIGNIFICANCE, FurtherLaw
-from drivetool.identify.coast_down.stretches import Stretch, acting
+from drivetool.identify.coast_down.laws import MISFIT_SIGNIFICANCE, AdditionalFrictionLaw
+from drivetool.identify.coast_down.stretches import Stretch, driving_input
 from drivetool.identify.estimate import Z95, Parameter, PlotData
 from drivetool.identify.plateaus import record_plot
 from drivetool.identify.setup import supply_of
@@ -211,7 +211,7 @@ def fit_figures(fitted: CoastDownFit, stretches: Sequence[Stretch]) -> dict[str,
 
 def coast_down_findings(
         fitted: CoastDownFit, tested: CoastDownFit, stretches: Sequence[Stretch], experiments: Sequence[Experiment],
-        by: Sequence[str], spread: CoastDownScatter, further: FurtherLaw | None) -> list[Finding]:
+        by: Sequence[str], spread: CoastDownScatter, further: AdditionalFrictionLaw | None) -> list[Finding]:
     """The findings on a fit.
 
     tested  the fit that tests whether the friction follows its law; further: the missing law
@@ -246,7 +246,7 @@ def coast_down_findings(
 
 def coast_down_assumed(experiments: Sequence[Experiment]) -> list[Finding]:
     """A finding where no record of the torque says when it ended."""
-    if all(acting(e) is not None for e in experiments):
+    if all(driving_input(e) is not None for e in experiments):
         return []
     return [Finding(
         "note", "coast-down-assumed", "No torque was logged: the drive is assumed to coast down without torque "
@@ -254,7 +254,7 @@ def coast_down_assumed(experiments: Sequence[Experiment]) -> list[Finding]:
         "Exclude the switching transient with --flux-decay, or --condition 'keep from=..'.")]
 
 
-def _missing_law_finding(fitted: CoastDownFit, further: FurtherLaw | None) -> Finding:
+def _missing_law_finding(fitted: CoastDownFit, further: AdditionalFrictionLaw | None) -> Finding:
     """That the friction follows another law, and which."""
     text = ("The residual of the coast-down depends on the speed (p-value "
             f"{fitted.misfit:.1g}): the friction follows another law. ")

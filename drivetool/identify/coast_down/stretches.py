@@ -61,7 +61,7 @@ def stretches_of(experiments: Sequence[Experiment], decay: float) -> list[Stretc
     return found
 
 
-def acting(experiment: Experiment) -> np.ndarray | None:
+def driving_input(experiment: Experiment) -> np.ndarray | None:
     """(n,) input that drives the motor: the voltage of its supply, or its torque; None: neither was logged."""
     supply = supply_of(experiment)
     return experiment.signals.get("motor_torque") if supply is None else supply
@@ -104,7 +104,7 @@ def _moves(experiment: Experiment, stretch: Stretch) -> bool:
 
 def _stretches_of_record(number: int, experiment: Experiment, decay: float) -> list[Stretch]:
     """The stretches of one recording."""
-    skip, acts = int(np.ceil(decay / experiment.step)), acting(experiment)
+    skip, acts = int(np.ceil(decay / experiment.step)), driving_input(experiment)
     found: list[Stretch] = []
     for a, b in experiment.segments:
         first = a if acts is not None else _start_of_coast_down(experiment, a, b)

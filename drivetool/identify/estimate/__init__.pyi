@@ -17,8 +17,8 @@ from .interval_and_status import (
     experiment_for as experiment_for,
     held_uncertainty as held_uncertainty,
     inverted as inverted,
-    moved_by_held as moved_by_held,
     parameters_of as parameters_of,
+    sensitivity_to_held as sensitivity_to_held,
     why_on_bound as why_on_bound,
     without_not_identifiable_findings as without_not_identifiable_findings,
 )

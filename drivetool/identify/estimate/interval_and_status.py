@@ -62,11 +62,11 @@ def held_uncertainty(problem: Problem, normal: Normal, held: Covariance) -> np.n
     problem  with the held names after the k fitted ones; normal: its equations at the estimate
     held     covariance of the held values, in the order of those last names
     """
-    moved = moved_by_held(normal, len(problem.names) - len(held.names))
+    moved = sensitivity_to_held(normal, len(problem.names) - len(held.names))
     return moved @ held.matrix @ moved.T
 
 
-def moved_by_held(normal: Normal, k: int) -> np.ndarray:
+def sensitivity_to_held(normal: Normal, k: int) -> np.ndarray:
     """(k, m) how the first k parameters of normal equations move with each of the m that are held after them."""
     matrix, _, _ = schur(normal)
     return -np.linalg.pinv(matrix[:k, :k], hermitian=True) @ matrix[:k, k:]

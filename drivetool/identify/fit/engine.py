@@ -19,8 +19,8 @@ from drivetool.identify.noise import (
     fit_innovations,
     fit_ratio,
     minus_log_likelihood,
-    natural_ratio,
-    polish,
+    refit_with_tight_tolerance,
+    unit_noise_ratio,
     with_global_noise_search,
 )
 from drivetool.identify.problem import Point, Problem, Solution, solve, take_steps
@@ -99,7 +99,7 @@ def by_innovations(task: Task, starts: Sequence[Mapping[str, float]], seed: int 
     whole       the task with sums in place of some parts, in which the starts are found and the fits start
     """
     problem = task.problem()
-    if not is_hard(task):
+    if not is_multimodal(task):
         return _from_every_start(task, problem, starts)
     linear = task.linear_problem()
 
@@ -124,7 +124,7 @@ def by_innovations(task: Task, starts: Sequence[Mapping[str, float]], seed: int 
     if len(found) > PARALLEL_STARTS:  # the first did not agree: the likelihood has many local optima
         found = [*found, *restart_from_partial_records(task, best, refit)]
         best = min([best, *(d.end for d in found)], key=lambda f: f.value)
-    best = polish(problem, best)
+    best = refit_with_tight_tolerance(problem, best)
     tried = [{**_start_record(task, {"way": f"{d.way} observer", **{f"start {k}": v for k, v in d.start.items()}},
                       d.end, best), "apart": gap(best, d.end)} for d in found]
     return Outcome(task, problem, best.solution, best, tuple(tried), best.converged)
@@ -152,23 +152,24 @@ def refit(task: Task, noise: Noise, wanted: float = np.inf) -> Outcome:
 
     wanted  -log likelihood to be reached, see `fit_innovations`
     """
-    if not is_hard(task):
+    if not is_multimodal(task):
         return by_innovations(task, [{}])
     problem = task.problem()
     point = first_point(task.drive, problem, task.roles)
     point = choose_gap_sides(problem, point, frozen_observers(problem, task.linear_problem(), point, noise))
-    fit = polish(problem, fit_innovations(problem, point, replace(noise, memory=None, slow=None), near_optimum=True,
-                                          wanted=wanted))
+    fit = refit_with_tight_tolerance(problem, fit_innovations(problem, point, replace(noise, memory=None,
+                                                                                      slow=None), near_optimum=True,
+                                                              wanted=wanted))
     return Outcome(task, problem, fit.solution, fit, (_start_record(task, {"way": "again"}, fit, fit),),
                    fit.converged)
 
 
-def is_hard(task: Task) -> bool:
+def is_multimodal(task: Task) -> bool:
     """Whether inertias or stiffnesses are free across a gap: then the likelihood has many local optima."""
-    return has_gap(task) and has_shape(task)
+    return has_gap(task) and has_free_inertias_or_stiffnesses(task)
 
 
-def has_shape(task: Task) -> bool:
+def has_free_inertias_or_stiffnesses(task: Task) -> bool:
     """Whether inertias or stiffnesses of more than one body are free."""
     return len(task.drive.bodies) > 1 and any(n.endswith((".inertia", ".stiffness")) for n in task.free)
 
@@ -201,7 +202,7 @@ def _from_every_start(task: Task, problem: Problem, starts: Sequence[Mapping[str
     for values, fits_of_start in zip(starts, initial_fits, strict=True):
         start, start_values = task.at(values), {k: float(v) for k, v in values.items()}
         found += [({"way": way, **start_values}, fit) for way, fit in fits_of_start]
-        if has_shape(task) and fits_of_start[-1][1] is not None:
+        if has_free_inertias_or_stiffnesses(task) and fits_of_start[-1][1] is not None:
             rough = first_point(scaled_to_totals(start).drive, problem, task.roles)
             for place, noise in resonance_starts(problem, rough, fits_of_start[-1][1]):
                 add("along the stiffness", start_values, lambda p=place, n=noise: fit_innovations(
@@ -214,7 +215,8 @@ def _from_every_start(task: Task, problem: Problem, starts: Sequence[Mapping[str
                 add("simulated", start_values, lambda s=start: _through_simulation(s, problem, most))
     finished = [(entry, fit) for entry, fit in found if fit is not None]
     fits = without_failed([fit for _, fit in found])
-    best = polish(problem, _best_of_two_continued(problem, fits) if several else min(fits, key=lambda f: f.value))
+    best = refit_with_tight_tolerance(problem, _best_of_two_continued(problem, fits) if several
+                                      else min(fits, key=lambda f: f.value))
     tried = tuple(_start_record(task, entry, fit, best) for entry, fit in finished)
     return Outcome(task, problem, best.solution, best, tried, best.converged)
 
@@ -297,7 +299,7 @@ def by_simulation(task: Task, segment: float, starts: Sequence[Mapping[str, floa
     if constant_torques:
         problem = problem.with_constant_torque()
     linear = task.linear_problem(segment)
-    hard = is_hard(task) and not near_optimum
+    hard = is_multimodal(task) and not near_optimum
 
     def descend(start: Task, way: str, noise_factor: float, _lowest: float) -> tuple[float, Solution, Task]:
         point = Point(free_values(start), segment_states(start, problem.traces, noise_factor))
@@ -344,7 +346,7 @@ def segment_states(task: Task, traces: Sequence[Trace],
     if noise_factor is None:
         noise = fit_ratio(whole, point, Noise(1.0, None, whole.scale))
     else:
-        ratio = noise_factor * natural_ratio(whole, point)
+        ratio = noise_factor * unit_noise_ratio(whole, point)
         noise = Noise(ratio, None, whole.scale, ratio)
     found = []
     for trace, passed in zip(whole.traces, filtered(whole, point, noise), strict=True):

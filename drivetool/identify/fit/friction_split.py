@@ -9,7 +9,7 @@ import numpy as np
 
 from drivetool.drive import GEAR_RATIO_EXPONENTS, TOTALS
 from drivetool.identify.estimate import covariance_of
-from drivetool.identify.noise import Noise, excerpt, natural_ratio
+from drivetool.identify.noise import Noise, first_samples_of, unit_noise_ratio
 from drivetool.identify.problem import Normal, Point, Problem, Solution, take_steps
 from drivetool.identify.setup import Task, first_point
 from drivetool.identify.starts import frozen_observers
@@ -88,11 +88,11 @@ def with_initial_shares(whole: Task, task: Task) -> Task:
                                        for p, v in drive.parts(total, drive.values[total]).items()})
     prepared = replace(task, drive=drive)
     hold = np.array([not n.endswith(tuple(f".{suffix}" for suffix in GEAR_RATIO_EXPONENTS)) for n in task.free])
-    problem, linear = (excerpt(prepared.problem(), SHARES_SAMPLES),
-                       excerpt(prepared.linear_problem(), SHARES_SAMPLES))
+    problem, linear = (first_samples_of(prepared.problem(), SHARES_SAMPLES),
+                       first_samples_of(prepared.linear_problem(), SHARES_SAMPLES))
     point = first_point(drive, problem, task.roles)
     for share in SHARES_NOISE_FACTORS:
-        ratio = share * natural_ratio(problem, point)
+        ratio = share * unit_noise_ratio(problem, point)
         gains = frozen_observers(problem, linear, point, Noise(ratio, None, problem.scale, ratio))
         point, _ = take_steps(problem, point, gains, SHARES_STEPS, hold=hold)
     return prepared.at_point(point)

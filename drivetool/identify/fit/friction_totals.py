@@ -6,9 +6,9 @@ from collections.abc import Mapping, Sequence
 from dataclasses import replace
 
 from drivetool.drive import RECORD_MARK, TOTALS, Drive, shared
-from drivetool.identify.fit.engine import by_simulation, fit_task, is_hard, refit, segment_of
+from drivetool.identify.fit.engine import by_simulation, fit_task, is_multimodal, refit, segment_of
 from drivetool.identify.fit.friction_split import parts_identifiable, tasks_with_parts
-from drivetool.identify.noise import Noise, fit_ratio, normal_under
+from drivetool.identify.noise import Noise, filtered_normal_equations, fit_ratio
 from drivetool.identify.problem import Point
 from drivetool.identify.setup import Options, Outcome, Task, first_point
 from drivetool.identify.starts import scaled_to_totals
@@ -54,7 +54,7 @@ def fit_with_friction_split(task: Task, options: Options, requested: Options,
 
 def with_identifiable_parts(task: Task, options: Options) -> Task:
     """The task with those parts of its sums free that are identifiable at the start values already."""
-    if not is_hard(task) or options.criterion not in ("auto", "innovations"):
+    if not is_multimodal(task) or options.criterion not in ("auto", "innovations"):
         return task
     prepared = scaled_to_totals(task)
     for total in _unrequested_sums(task, options):
@@ -63,7 +63,8 @@ def with_identifiable_parts(task: Task, options: Options) -> Task:
             point = first_point(finer.drive, problem, finer.roles)
             noise = fit_ratio(problem, point, Noise(1.0, None, problem.scale), quick=True)
             whole = prepared.drive.values[total]
-            if parts_identifiable(finer, problem, point, normal_under(problem, point, noise), parts, whole):
+            if parts_identifiable(finer, problem, point, filtered_normal_equations(problem, point, noise), parts,
+                                  whole):
                 prepared = finer
                 break
     return task if prepared.free == task.free else prepared
@@ -109,7 +110,7 @@ def _parts_identifiable_now(task: Task, outcome: Outcome, parts: Sequence[str], 
     point = first_point(task.drive, problem, task.roles)
     point = Point(point.values, outcome.solution.point.starts)
     normal = (problem.normal(point) if outcome.fit is None
-              else normal_under(problem, point, outcome.fit.noise))
+              else filtered_normal_equations(problem, point, outcome.fit.noise))
     return parts_identifiable(task, problem, point, normal, parts, whole)
 
 

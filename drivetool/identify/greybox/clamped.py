@@ -76,7 +76,7 @@ def with_start_values_from_clamped(drive: Drive, experiments: Sequence[Experimen
     if not missing or not clamped:
         return drive
     (motor, load), (shaft,) = drive.bodies, drive.shafts
-    swings = [s for e in clamped if (s := swing_of(e)) is not None]
+    swings = [s for e in clamped if (s := clamped_oscillation_of(e)) is not None]
     if not swings:
         return drive
     best, ratio = min(swings, key=lambda s: s.left), drive.value(f"{shaft}.ratio")
@@ -94,7 +94,7 @@ def with_start_values_from_clamped(drive: Drive, experiments: Sequence[Experimen
 
 
 @dataclass(frozen=True)
-class Swing:
+class ClampedOscillation:
     """A mass on a spring: natural frequency [rad/s], damping ratio, inertia; left: mean square of the residual."""
 
     frequency: float
@@ -103,7 +103,7 @@ class Swing:
     left: float
 
 
-def swing_of(experiment: Experiment) -> Swing | None:
+def clamped_oscillation_of(experiment: Experiment) -> ClampedOscillation | None:
     """The mass on a spring that explains the motor's speed best; None where none of the grid can be tried.
 
     For each frequency and damping the response is linear in the compliance and in the start state, so that noise
@@ -124,7 +124,7 @@ def swing_of(experiment: Experiment) -> Swing | None:
             factors = np.linalg.lstsq(columns, speed[known], rcond=None)[0]
             residual = float(np.mean((speed[known] - columns @ factors) ** 2))
             if factors[0] > 0.0:
-                found.append(Swing(float(frequency), ratio, float(1.0 / factors[0]), residual))
+                found.append(ClampedOscillation(float(frequency), ratio, float(1.0 / factors[0]), residual))
     return min(found, key=lambda s: s.left, default=None)
 
 

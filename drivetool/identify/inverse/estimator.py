@@ -38,7 +38,7 @@ from drivetool.identify.motion import (
     NOISE_SHARE,
     Rows,
     TorqueFit,
-    beyond_stationary,
+    between_block_std,
     change_of,
     check_no_signal_path,
     covariance_of as covariance_of_rows,
@@ -170,7 +170,7 @@ def _structural_std(fit: InverseFit, line: np.ndarray, sensor: str, reference: s
     by_noise = np.sqrt(np.diag(sandwich_covariance(influence - other_influence))) / FEW_BLOCKS_FACTOR
     by_band = HALF_WIDTHS_PER_DISAGREEMENT / Z95 * np.maximum(off - by_noise, 0.0)
     by_motion = np.abs(line) @ _max_noise_bias(fit, fit.rows, fit.inverse) / Z95
-    return np.sqrt(by_band**2 + by_motion**2 + beyond_stationary(influence, line @ fit.covariance @ line.T) ** 2)
+    return np.sqrt(by_band**2 + by_motion**2 + between_block_std(influence, line @ fit.covariance @ line.T) ** 2)
 
 
 def recording_estimates(fit: InverseFit) -> list[RecordingEstimate]:
@@ -182,7 +182,7 @@ def recording_estimates(fit: InverseFit) -> list[RecordingEstimate]:
         change = change_of(rows, inverse)
         own = [replace(r, residual=r.residual - r.slopes @ change) for r in rows]
         covariance = covariance_of_rows(own, inverse)
-        beyond = np.hypot(beyond_stationary(influence_of(own, inverse), covariance),
+        beyond = np.hypot(between_block_std(influence_of(own, inverse), covariance),
                           _max_noise_bias(fit, own, inverse) / Z95)  # without acceleration no inertia shows
         found.append(RecordingEstimate(change, fit.inverse @ matrix, np.diag(covariance) + beyond**2,
                           covariance_of_rows(own, fit.inverse), identifiable_alone(matrix, inverse)))

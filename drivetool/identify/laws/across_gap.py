@@ -12,7 +12,7 @@ import numpy as np
 
 from drivetool.identify.laws.fit_with_laws import near
 from drivetool.identify.laws.free_run_test import FreeRunTest
-from drivetool.identify.noise import MAX_REPEATED_FITS, polish, until_converged
+from drivetool.identify.noise import MAX_REPEATED_FITS, refit_with_tight_tolerance, until_converged
 from drivetool.identify.setup import Outcome, Task
 from drivetool.identify.starts import log_likelihood_distance, start_agrees
 
@@ -24,9 +24,9 @@ MIN_OTHER_OPTIMUM_GAIN = 1.0
 SAME_VALUE_TOLERANCE = 1e-6  # relative, of all values: without noise any two points differ much in log likelihood
 
 
-def laws_confirmed(judge: FreeRunTest, without: Outcome, with_them: Outcome) -> bool:
+def laws_reduce_free_run_error(judge: FreeRunTest, without: Outcome, with_them: Outcome) -> bool:
     """Whether the laws reduce the error of free runs; on a record without motion none is confirmed."""
-    if not judge.straight(without.task) > 0.0:
+    if not judge.straight_line_error(without.task) > 0.0:
         return False
     before, after = (judge.error(o.task.at_point(o.solution.point)) for o in (without, with_them))
     return before > MIN_CONFIRMING_ERROR_RATIO * after
@@ -46,7 +46,8 @@ def restart_from_free_runs(best: Outcome, task: Task) -> Outcome:
     """
     other = near(task, best)
     if best.converged and not other.converged and other.fit.value < best.fit.value - MIN_OTHER_OPTIMUM_GAIN:
-        fit = polish(other.problem, until_converged(other.problem, other.fit, MAX_REPEATED_FITS))
+        fit = refit_with_tight_tolerance(other.problem,
+                                         until_converged(other.problem, other.fit, MAX_REPEATED_FITS))
         other = replace(other, solution=fit.solution, fit=fit, converged=fit.converged)
     same = np.allclose(other.solution.point.values, best.solution.point.values, rtol=SAME_VALUE_TOLERANCE, atol=0.0)
     first, second = ((best, other) if same or other.fit.value > best.fit.value - MIN_OTHER_OPTIMUM_GAIN

@@ -13,7 +13,7 @@ import numpy as np
 
 from drivetool.identify.fit import by_innovations, by_simulation, refit, with_coloured_noise
 from drivetool.identify.identifiability import only_ratios
-from drivetool.identify.laws.across_gap import laws_confirmed, optimum_confirmed, restart_from_free_runs
+from drivetool.identify.laws.across_gap import laws_reduce_free_run_error, optimum_confirmed, restart_from_free_runs
 from drivetool.identify.laws.fit_with_laws import fit_with_selected_laws, likelier_of_regression_start, near
 from drivetool.identify.laws.free_run_test import MIN_MEANS_PER_RUN, FreeRunTest, run_length
 from drivetool.identify.laws.influence import influence_of, scores_of
@@ -118,7 +118,7 @@ def candidates_of(white: Outcome, held: Sequence[str] = ()) -> CandidateSet:
         task, found = white.task, {"white": white, "coloured": with_coloured_noise(white)}
     smoothings = {e.step: m.smoothing for e, m in zip(task.experiments, seen.each, strict=True)}
     free_run_test = FreeRunTest(smoothings, white.fit.noise)
-    if laws and has_gap(task) and not laws_confirmed(free_run_test, found["coloured"], best):
+    if laws and has_gap(task) and not laws_reduce_free_run_error(free_run_test, found["coloured"], best):
         laws, best = (), found["coloured"]
     with_them = regress(task, seen, laws) if linear and laws else plain
     if laws and best.fit.noise.memory is None:

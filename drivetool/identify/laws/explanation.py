@@ -160,7 +160,7 @@ def choose_explanation(field: CandidateSet) -> Explanation | None:
     figures = {"speed_fit_percent": field.judge.fit_percent(own)}
     if laws:
         figures["speed_fit_percent_with_laws"] = field.judge.fit_percent(c.task)
-    straight = field.judge.straight(task)
+    straight = field.judge.straight_line_error(task)
     # The fit to free runs shows best what the torque explains; across a gap the other may be far off.
     error = min(errors[name], errors["free runs, laws"]) if gap else errors[name]
     explains_nothing = error > NO_EXPLANATION_RATIO * straight > 0.0

@@ -12,7 +12,7 @@ from drivetool.identify.laws.law_selection import MAX_LAWS, select_laws, with_la
 from drivetool.identify.laws.laws import Law
 from drivetool.identify.laws.regression import Regression, regress
 from drivetool.identify.motion import Motions
-from drivetool.identify.noise import Noise, fit_innovations, fit_ratio, polish
+from drivetool.identify.noise import Noise, fit_innovations, fit_ratio, refit_with_tight_tolerance
 from drivetool.identify.problem import Point
 from drivetool.identify.setup import Outcome, Task, first_point
 
@@ -72,5 +72,5 @@ def near(task: Task, before: Outcome, max_rounds: int = 12) -> Outcome:
 def _fit_innovations_from(task: Task, before: Outcome, point: Point, noise: Noise, max_rounds: int) -> Outcome:
     problem = task.problem()
     fit = fit_innovations(problem, point, noise, near_optimum=True, max_rounds=max_rounds)
-    fit = polish(problem, fit) if fit.converged else fit
+    fit = refit_with_tight_tolerance(problem, fit) if fit.converged else fit
     return Outcome(task, problem, fit.solution, fit, before.starts, fit.converged)

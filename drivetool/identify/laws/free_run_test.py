@@ -78,7 +78,7 @@ class FreeRunTest:
         simulated = [self._as_speed(r[:, 0], t.step, is_angle) for r, t in zip(runs, problem.traces, strict=True)]
         return fit_percent(np.concatenate(measured), np.concatenate(simulated))
 
-    def straight(self, task: Task, length: float = FREE_RUN_LENGTH) -> float:
+    def straight_line_error(self, task: Task, length: float = FREE_RUN_LENGTH) -> float:
         """Error of runs with no torque but a constant one: straight lines of the speed; zero if that is noise."""
         traces, is_angle = task.traces(run_length(task, length)), task.roles.outputs[0].endswith("angle")
         errors, wide = [], [self.window(t.size, t.step) for t in traces]

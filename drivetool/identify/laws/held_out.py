@@ -32,7 +32,8 @@ def held_out_errors(field: CandidateSet) -> tuple[float, float]:
             and o.fit is not None}
     try:
         for late in (True, False):
-            straight.append(field.judge.straight(_part_of_record(field.task, late, held=True), HELD_OUT_RUN_LENGTH))
+            straight.append(field.judge.straight_line_error(_part_of_record(field.task, late, held=True),
+                                                            HELD_OUT_RUN_LENGTH))
             for key, fit in fits.items():
                 errors.setdefault(key, []).append(field.judge.error(_refit_without(fit, late), HELD_OUT_RUN_LENGTH))
     except NotEnoughData:

@@ -90,7 +90,7 @@ def law_library(body_motions: Motions, turns: bool, body: str = "motor", name_su
             share = None if inertia is None else inertia / size
             found.append(Law(name + name_suffix, tuple(c / size for c in columns), part, share, body, parameter))
 
-    if turns_back(motions):
+    if moves_in_both_directions(motions):
         law("direction-dependent friction", lambda m, v, t: [np.abs(v)])
         law("time-varying friction", lambda m, v, t: [t * m.side])
     if body != "motor":
@@ -114,7 +114,7 @@ def law_library(body_motions: Motions, turns: bool, body: str = "motor", name_su
     return tuple(found)
 
 
-def turns_back(motions: Sequence[Motion]) -> bool:
+def moves_in_both_directions(motions: Sequence[Motion]) -> bool:
     """Whether the motor turns both ways: with one direction, a part that differs by it is friction itself."""
     side = np.concatenate([np.where(m.slow, 0.0, m.side) for m in motions])  # at standstill the sign is noise
     return bool(min(np.mean(side > 0.0), np.mean(side < 0.0)) > MIN_DIRECTION_SHARE)

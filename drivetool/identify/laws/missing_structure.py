@@ -16,7 +16,7 @@ from drivetool.identify.estimate import Estimate
 from drivetool.identify.fit import by_noise_continuation, looks_coloured, shaft_torque_row, with_coloured_noise
 from drivetool.identify.identifiability import without_shaft_intervals
 from drivetool.identify.laws.third_mass import third_mass_names, third_mass_score_test, with_split_load
-from drivetool.identify.noise import Fit, Noise, filtered, fit_innovations, minus_log_likelihood, natural_ratio
+from drivetool.identify.noise import Fit, Noise, filtered, fit_innovations, minus_log_likelihood, unit_noise_ratio
 from drivetool.identify.problem import Point
 from drivetool.identify.setup import Outcome, Task, has_gap
 from drivetool.identify.starts import attempt_or_none
@@ -151,7 +151,7 @@ def _without_last_body(drive: Drive) -> Drive:
 def _load_noise_gain(outcome: Outcome) -> float:
     """Log likelihood that torque noise on the load gains, all else as it is."""
     problem, point, noise = outcome.problem, outcome.solution.point, outcome.fit.noise
-    natural = natural_ratio(problem, point)
+    natural = unit_noise_ratio(problem, point)
     noises = [replace(noise, others=natural * times, ratio=noise.ratio * share)
               for times in LOAD_NOISE_RATIOS for share in MOTOR_NOISE_RATIOS]
     return outcome.fit.value - min(minus_log_likelihood(filtered(problem, point, n, keep=False)) for n in noises)

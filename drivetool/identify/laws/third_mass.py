@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 
 from drivetool.drive import END_MASS, Drive
-from drivetool.identify.noise import Noise, normal_under
+from drivetool.identify.noise import Noise, filtered_normal_equations
 from drivetool.identify.problem import Point, Problem, schur
 from drivetool.identify.setup import Task
 
@@ -51,7 +51,7 @@ def third_mass_score_test(problem: Problem, point: Point, noise: Noise,
 
     names  of the third mass, whose inertia, stiffness and damping grow together
     """
-    normal = normal_under(problem, point, noise)
+    normal = filtered_normal_equations(problem, point, noise)
     matrix, slope, _ = schur(normal)
     of_third_mass = np.array([n in names for n in problem.names])
     transform = np.column_stack([np.eye(len(of_third_mass))[:, ~of_third_mass],

@@ -16,7 +16,7 @@ from .linear import (
     INFLUENCE_BLOCKS as INFLUENCE_BLOCKS,
     Rows as Rows,
     autoregression as autoregression,
-    beyond_stationary as beyond_stationary,
+    between_block_std as between_block_std,
     change_of as change_of,
     covariance_of as covariance_of,
     influence_of as influence_of,

@@ -99,7 +99,7 @@ def smooth(values: np.ndarray, near: int) -> np.ndarray:
     return (sums[2 * near + 1:] - sums[:-2 * near - 1]) / (2.0 * near + 1.0)
 
 
-def beyond_stationary(influence: np.ndarray, covariance: np.ndarray) -> np.ndarray:
+def between_block_std(influence: np.ndarray, covariance: np.ndarray) -> np.ndarray:
     """(k,) standard deviations between blocks of the record beyond stationary errors; zero if not significant.
 
     influence   (INFLUENCE_BLOCKS, k) shares of the error; covariance: (k, k) under stationary errors

@@ -83,7 +83,7 @@ def fit_innovations(problem: Problem, point: Point, noise: Noise | None = None, 
         gains = [f.gains for f in filtered(source, point, noise)]
         solution = _solve_round(problem, point, gains, noise, rounds + 2 if near_optimum else rounds)
         moved = _distance_in_std(problem, point, solution)
-        solution = _backed_off(problem, point, solution, noise)
+        solution = _with_backtracking(problem, point, solution, noise)
         point = solution.point
         converged = near_optimum or rounds >= 2
         whole_range = (rounds == 2 and not near_optimum) or rounds % WHOLE_RANGE_PERIOD == 0
@@ -119,7 +119,7 @@ def until_converged(problem: Problem, fit: Fit, runs: int) -> Fit:
     return fit
 
 
-def polish(problem: Problem, fit: Fit) -> Fit:
+def refit_with_tight_tolerance(problem: Problem, fit: Fit) -> Fit:
     """Repeat the last round with a tight tolerance, so that two paths end at the same digits.
 
     Before that, the noise ratio is searched over its whole range once more.
@@ -161,7 +161,7 @@ def _without_disturbance_state(problem: Problem, point: Point, noise: Noise) -> 
     return Point(point.values, tuple(s[:-1] for s in point.starts))
 
 
-def _backed_off(problem: Problem, before: Point, solution: Solution, noise: Noise) -> Solution:
+def _with_backtracking(problem: Problem, before: Point, solution: Solution, noise: Noise) -> Solution:
     """The solution, or a point on the way to it, where the likelihood itself does not get worse.
 
     Across a gap, frozen gains can lead to a point that new gains make unlikely.

@@ -174,7 +174,7 @@ def restricted_likelihood(problem: Problem, point: Point, noise: Noise,
     passes = passes or filtered(problem, point, noise)
     logs = sum(float(np.sum(np.log(f.variance[np.isfinite(f.innovations)]))) for f in passes)
     normal = _normal_equations(problem, point, noise, passes)
-    matrix, slope = arrow(normal)
+    matrix, slope = dense_normal_equations(normal)
     size = np.sqrt(np.diag(matrix))
     keep = size > 0.0
     size, slope = size[keep], slope[keep]
@@ -187,7 +187,7 @@ def restricted_likelihood(problem: Problem, point: Point, noise: Noise,
     return 0.5 * (degrees * np.log(residual / degrees) + logs + determinant), normal
 
 
-def normal_under(problem: Problem, point: Point, noise: Noise) -> Normal:
+def filtered_normal_equations(problem: Problem, point: Point, noise: Noise) -> Normal:
     """Normal equations of the one-step prediction errors at a point, under the gains of a noise model."""
     return _normal_equations(problem, point, noise, filtered(problem, point, noise))
 
@@ -197,7 +197,7 @@ def _normal_equations(problem: Problem, point: Point, noise: Noise, passes: Sequ
     return model.normal(with_disturbance_state(point, noise), [f.gains for f in passes])
 
 
-def arrow(normal: Normal) -> tuple[np.ndarray, np.ndarray]:
+def dense_normal_equations(normal: Normal) -> tuple[np.ndarray, np.ndarray]:
     """The block-arrow equations as one matrix and one gradient."""
     k, sizes = len(normal.slope), [len(s) for s in normal.own_slope]
     edges = k + np.concatenate(([0], np.cumsum(sizes))).astype(int)
@@ -215,7 +215,7 @@ def with_disturbance_state(point: Point, noise: Noise) -> Point:
     return Point(point.values, tuple(np.append(s, 0.0) for s in point.starts))
 
 
-def natural_ratio(problem: Problem, point: Point) -> float:
+def unit_noise_ratio(problem: Problem, point: Point) -> float:
     """The ratio at which one sample of torque noise moves the first output by its sensor noise."""
     plant = problem.with_memory(None).plants(point.values, False)[0]
     t = problem.traces[0]
@@ -230,7 +230,7 @@ def natural_ratio(problem: Problem, point: Point) -> float:
     return 1.0 / gain if gain > 0.0 else 1.0
 
 
-def excerpt(problem: Problem, max_samples: int = MAX_NOISE_SAMPLES) -> Problem:
+def first_samples_of(problem: Problem, max_samples: int = MAX_NOISE_SAMPLES) -> Problem:
     """The problem on the first samples of its traces, enough for two noise parameters."""
     total = sum(t.size for t in problem.traces)
     if total <= max_samples:
@@ -249,8 +249,8 @@ def fit_ratio(problem: Problem, point: Point, noise: Noise, around: float | None
     settled  whether the point is near its optimum: then by restricted likelihood
     quick    to half a decade only, without a ratio to search near
     """
-    middle = np.log(natural_ratio(problem, point))
-    problem = excerpt(problem)
+    middle = np.log(unit_noise_ratio(problem, point))
+    problem = first_samples_of(problem)
 
     def evaluate(log_parameters: np.ndarray) -> NoiseLikelihood:
         return _evaluate_likelihood(problem, point, noise.at(log_parameters), converged)
@@ -270,8 +270,8 @@ def likelier_ratio(problem: Problem, point: Point, noise: Noise) -> Noise | None
 
     The restricted likelihood of a ratio may have several peaks, and a local search finds only its own.
     """
-    middle = np.log(natural_ratio(problem, point))
-    problem = excerpt(problem)
+    middle = np.log(unit_noise_ratio(problem, point))
+    problem = first_samples_of(problem)
 
     def value(log: float) -> float:
         return min(_evaluate_likelihood(

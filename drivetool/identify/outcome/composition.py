@@ -18,9 +18,9 @@ from drivetool.identify.estimate import (
     covariance_of,
     explains_to_rounding,
     fit_percent,
-    moved_by_held,
     parameters_of,
     rounding_finding,
+    sensitivity_to_held,
     without_intervals,
 )
 from drivetool.identify.fit import free_run, looks_coloured
@@ -31,7 +31,7 @@ from drivetool.identify.identifiability import (
     without_torque_intervals,
 )
 from drivetool.identify.laws import Explanation, with_total_uncertainty
-from drivetool.identify.noise import normal_under
+from drivetool.identify.noise import filtered_normal_equations
 from drivetool.identify.outcome.noise_ratio_uncertainty import noise_ratio_covariance
 from drivetool.identify.outcome.repeats import recording_estimates, repeatability_of, with_scatter
 from drivetool.identify.problem import Point, schur
@@ -228,7 +228,7 @@ def held_value_sensitivity(outcome: Outcome, known: Covariance | None) -> tuple[
     problem = problem_of(task.drive, (*task.free, *total), task.roles, outcome.problem.traces)
     values = np.array([task.drive.value(n) for n in problem.names])
     point = Point(values, outcome.solution.point.starts)
-    return moved_by_held(normal_under(problem, point, outcome.fit.noise), len(task.free)), held
+    return sensitivity_to_held(filtered_normal_equations(problem, point, outcome.fit.noise), len(task.free)), held
 
 
 def _held_value_covariance(outcome: Outcome, known: Covariance | None) -> tuple[np.ndarray | None, list[Finding]]:
@@ -302,7 +302,7 @@ def _shifts_per_unit(outcome: Outcome, drive: Drive, free: Sequence[str], more: 
     """How the free values move for a unit of each further one: (n free,) for each of `more`."""
     problem = problem_of(drive, (*free, *more), outcome.task.roles, outcome.problem.traces)
     point = Point(np.array([drive.value(n) for n in problem.names]), outcome.solution.point.starts)
-    matrix, _, _ = schur(normal_under(problem, point, outcome.fit.noise))
+    matrix, _, _ = schur(filtered_normal_equations(problem, point, outcome.fit.noise))
     k = len(free)
     moved = -np.linalg.pinv(matrix[:k, :k], hermitian=True) @ matrix[:k, k:]
     return list(moved.T.copy())

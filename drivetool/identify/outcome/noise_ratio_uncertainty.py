@@ -14,7 +14,7 @@ import numpy as np
 from scipy.special import ndtr
 
 from drivetool.identify.estimate import Z95, covariance_of
-from drivetool.identify.noise import Fit, natural_ratio, restricted_likelihood
+from drivetool.identify.noise import Fit, restricted_likelihood, unit_noise_ratio
 from drivetool.identify.problem import Problem, Solution, marquardt_step
 
 # Ratio, over that of one visible effect in the record, from which it is known to a tenth: no averaging is needed.
@@ -40,7 +40,7 @@ def noise_ratio_covariance(problem: Problem, fit: Fit) -> np.ndarray | None:
             not expanded, since at zero there is no curvature
     """
     # A ratio equal to the natural one is visible in every sample, a hundredth of it in the sum of a hundred.
-    visible_ratio = natural_ratio(problem, fit.point) / max(problem.count, 1)
+    visible_ratio = unit_noise_ratio(problem, fit.point) / max(problem.count, 1)
     if fit.noise.memory is not None or not problem.names or fit.noise.ratio > MAX_UNCERTAIN_RATIO * visible_ratio:
         return None
     found = list(_likely_ratios(problem, fit, visible_ratio))

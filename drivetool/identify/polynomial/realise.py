@@ -28,7 +28,7 @@ MAX_EQUAL_RESPONSE_RMS = 1e-4
 ChainValues = dict[str, tuple[float, float | None]]
 
 
-def undamped(drive: Drive, f: ModelFigures) -> dict[str, float]:
+def undamped_start_values(drive: Drive, f: ModelFigures) -> dict[str, float]:
     """Start values by the continued fraction; empty if the model has no such chain.
 
     Friction is shared in proportion to inertia; shaft damping follows from the damping ratio of the resonance.
@@ -73,7 +73,7 @@ def conversion(drive: Drive, f: ModelFigures, differenced: int = 0) -> tuple[Cha
     differenced  1 if the output is the mean speed over an interval
     """
     n, s = len(drive.bodies), f.fit.structure
-    start = {} if f.unstable else undamped(drive, f)
+    start = {} if f.unstable else undamped_start_values(drive, f)
     if not start:
         return {}, None, (
             f"a chain of {n} bodies has {n - 1} anti-resonances and resonances that alternate, anti-resonance "

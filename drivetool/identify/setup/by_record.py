@@ -32,7 +32,7 @@ def has_values_by_record(drive: Drive) -> bool:
     return any(RECORD_MARK in n for n in drive.values)
 
 
-def shared_by_some(free: Sequence[str], drive: Drive, experiments: Sequence[Experiment]) -> tuple[str, ...]:
+def free_shared_by_records(free: Sequence[str], drive: Drive, experiments: Sequence[Experiment]) -> tuple[str, ...]:
     """The free parameters without those of which every recording has a value of its own."""
     names = {sha: name for name, sha in drive.records.items()}
     labels = [names.get(e.sha256) for e in experiments]

@@ -14,7 +14,7 @@ Weighting = Literal["variance", "coherence"]
 # Of every recording, left out of a fit to compare fits by it. A choice, usual in cross-validation: more leaves too
 # little to fit, less too little to compare.
 HELD_OUT_SHARE = 0.3
-OF_ONE_STEP = {"of_one_step": True}  # of a field: result files list it only where it differs from its default
+STEP_SPECIFIC = {"of_one_step": True}  # of a field: result files list it only where it differs from its default
 
 
 @dataclass(frozen=True)
@@ -51,13 +51,13 @@ class Options:
     starts: int | None = None
     segment: float | None = None
     seed: int = 1
-    structure: str | None = field(default=None, metadata=OF_ONE_STEP)
-    order: int | None = field(default=None, metadata=OF_ONE_STEP)
-    noise_order: int | None = field(default=None, metadata=OF_ONE_STEP)
-    weighting: Weighting = field(default="variance", metadata=OF_ONE_STEP)
-    band: tuple[float, float] | None = field(default=None, metadata=OF_ONE_STEP)
-    method: Method = field(default="speeds", metadata=OF_ONE_STEP)
-    flux_decay: float | None = field(default=None, metadata=OF_ONE_STEP)
-    stages: tuple[tuple[float, float], ...] = field(default=(), metadata=OF_ONE_STEP)
+    structure: str | None = field(default=None, metadata=STEP_SPECIFIC)
+    order: int | None = field(default=None, metadata=STEP_SPECIFIC)
+    noise_order: int | None = field(default=None, metadata=STEP_SPECIFIC)
+    weighting: Weighting = field(default="variance", metadata=STEP_SPECIFIC)
+    band: tuple[float, float] | None = field(default=None, metadata=STEP_SPECIFIC)
+    method: Method = field(default="speeds", metadata=STEP_SPECIFIC)
+    flux_decay: float | None = field(default=None, metadata=STEP_SPECIFIC)
+    stages: tuple[tuple[float, float], ...] = field(default=(), metadata=STEP_SPECIFIC)
     start: KnownStart = field(default_factory=KnownStart)
     known: Covariance | None = None

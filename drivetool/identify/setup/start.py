@@ -14,7 +14,7 @@ from drivetool.drive import TOTALS, Assembly, Drive, Layout
 from drivetool.drive.simulation import Plant, Trace
 from drivetool.errors import BadOption, Finding, nearest
 from drivetool.identify.estimate import inverted
-from drivetool.identify.noise import Noise, normal_under
+from drivetool.identify.noise import Noise, filtered_normal_equations
 from drivetool.identify.problem import Point, Problem
 from drivetool.identify.setup.by_record import as_recorded
 from drivetool.identify.setup.setup import UNNAMED_RECORDINGS, Roles, measured_states
@@ -164,7 +164,7 @@ def _estimated_start(drive: Drive, roles: Roles, problem: Problem, i: int, point
     (guess,), one_trace = (measured_states(drive, roles, (replace(trace, start={}),)),
                            replace(problem, traces=(head,)))
     here = Point(point.values, (guess,))
-    normal = one_trace.normal(here) if noise is None else normal_under(one_trace, here, noise)
+    normal = one_trace.normal(here) if noise is None else filtered_normal_equations(one_trace, here, noise)
     own, slope = normal.own[0], normal.own_slope[0]
     scale = np.sqrt(np.diag(own))
     j = np.flatnonzero(scale > 0.0)

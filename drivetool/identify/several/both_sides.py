@@ -17,11 +17,11 @@ MIN_SIGNIFICANT_RATIO = 3.0
 FILE_ROUNDING = 1e-8  # relative difference below which two values are one: ten digits are written
 
 OTHER_MOTOR = "belongs to the converter or sensor of one motor; the two files have different motors"
-OTHER_NOTCH = "the anti-resonance is that of the load, and the two files have different loads"
+DIFFERENT_LOADS = "the anti-resonance is that of the load, and the two files have different loads"
 ONE_RECORD = "of one recording alone"
 PHASE = "it depends on where the recording's angle is zero"
 EQUAL = "the same value in both files, not fitted in both: no comparison"
-CARRIED = "the same value and interval in both files, so from one source: no independent comparison"
+COPIED_VALUE = "the same value and interval in both files, so from one source: no independent comparison"
 
 
 @dataclass(frozen=True)
@@ -141,7 +141,7 @@ def derived_swap_lines(first: Side, second: Side) -> Iterator[SwapLine]:
     """Figures of both files that follow from the parameters; resonances are those of the whole drive."""
     for name in dict.fromkeys((*first.derived, *second.derived)):
         factor = _total_gear_ratio(second.drive) ** 2.0 if name.startswith("total_inertia") else 1.0
-        notch = OTHER_NOTCH if name.startswith("anti_resonance") else ""
+        notch = DIFFERENT_LOADS if name.startswith("anti_resonance") else ""
         yield swap_line(name, name, factor, first.derived.get(name), second.derived.get(name), first.name,
                         second.name, notch)
 
@@ -177,6 +177,6 @@ def swap_line(name: str, other: str, factor: float, mine: Figure | None, its: Fi
                         for file, figure in ((first, one), (second, two)) if figure.std is None]
         return replace(line, reason="; ".join(unidentified))
     if equal and abs(stds[0] - stds[1]) <= FILE_ROUNDING * stds[0]:
-        return replace(line, reason=CARRIED)
+        return replace(line, reason=COPIED_VALUE)
     std = float(np.hypot(*stds))
     return replace(line, std=std, ratio=change / std)

@@ -75,7 +75,7 @@ def _crossings_at_threshold(drive: Drive, signals: Sequence[tuple[np.ndarray, np
     for w, s, load_torque, step in signals:
         threshold = max(contact_share * float(np.quantile(np.abs(s), 0.99)), least)
         rate = _twist_rate(drive, w, s, load_torque, threshold, step)
-        for a, b in _dead_stretches(s, threshold):
+        for a, b in _gap_passages(s, threshold):
             edge = round(STRETCH_END_SHARE * (b - a))
             open_damping.add(s[a + edge:b - edge], rate[a + edge:b - edge])
             if s[a - 1] * s[b] < 0.0:
@@ -153,7 +153,7 @@ def _contact_stretches(torque: np.ndarray, threshold: float) -> list[tuple[int, 
             if b - a >= MIN_STRETCH_SAMPLES]
 
 
-def _dead_stretches(torque: np.ndarray, threshold: float) -> Sequence[tuple[int, int]]:
+def _gap_passages(torque: np.ndarray, threshold: float) -> Sequence[tuple[int, int]]:
     """Stretches between two contacts."""
     return [(a, b) for a, b in _runs_of(np.abs(torque) <= threshold) if a > 0 and b < len(torque)
             and b - a >= MIN_STRETCH_SAMPLES]

@@ -15,7 +15,14 @@ import numpy as np
 
 from drivetool.drive import RECORD_MARK, DampingLaw, is_constant
 from drivetool.errors import DriveToolError, Finding
-from drivetool.identify.noise import MAX_REPEATED_FITS, Noise, fit_innovations, fit_ratio, polish, until_converged
+from drivetool.identify.noise import (
+    MAX_REPEATED_FITS,
+    Noise,
+    fit_innovations,
+    fit_ratio,
+    refit_with_tight_tolerance,
+    until_converged,
+)
 from drivetool.identify.setup import Options, Outcome, Task, first_point
 from drivetool.identify.shaft_torque.dead_stretches import Crossings, crossings
 from drivetool.identify.starts import log_likelihood_distance
@@ -146,7 +153,7 @@ def _fit_or_none(task: Task, repeats: int, noise: Noise | None = None) -> Outcom
         fit = fit_innovations(problem, point, noise or fit_ratio(problem, point, Noise(1.0, None, problem.scale)),
                               near_optimum=noise is not None)
         if repeats:
-            fit = polish(problem, until_converged(problem, fit, repeats))
+            fit = refit_with_tight_tolerance(problem, until_converged(problem, fit, repeats))
     except (DriveToolError, np.linalg.LinAlgError):
         return None
     return Outcome(task, problem, fit.solution, fit, (), fit.converged)

@@ -16,7 +16,7 @@ import numpy as np
 
 from drivetool.drive import GEAR_RATIO_EXPONENTS, TOTALS
 from drivetool.identify.estimate import Covariance
-from drivetool.identify.noise import Noise, excerpt, filtered, minus_log_likelihood, natural_ratio
+from drivetool.identify.noise import Noise, filtered, first_samples_of, minus_log_likelihood, unit_noise_ratio
 from drivetool.identify.problem import Point
 from drivetool.identify.setup import Task, first_point
 from drivetool.identify.starts.process_noise_continuation import MIN_NOISE_RATIO
@@ -124,9 +124,10 @@ def best_draw(transform: DrawTransform, seed: int) -> tuple[Task, float]:
     the exact ones, which weight it correctly.
     """
     rng, task = np.random.default_rng(seed), transform.task
-    problem, linear = excerpt(task.problem(), SCREENING_SAMPLES), excerpt(task.linear_problem(), SCREENING_SAMPLES)
+    problem, linear = first_samples_of(task.problem(), SCREENING_SAMPLES), first_samples_of(task.linear_problem(),
+                                                                                            SCREENING_SAMPLES)
     draws = transform.drawn(rng, FIRST_ROUND_DRAWS)
-    natural = natural_ratio(problem, first_point(task.at(transform.values(draws[0])).drive, problem, task.roles))
+    natural = unit_noise_ratio(problem, first_point(task.at(transform.values(draws[0])).drive, problem, task.roles))
 
     def by_linear(trial: Task, share: float) -> float:
         return screening_values(problem, linear, trial, natural, (share,))[0]

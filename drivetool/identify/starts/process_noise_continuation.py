@@ -19,7 +19,7 @@ from dataclasses import replace
 import numpy as np
 
 from drivetool.drive.simulation import ObserverGains, Trace
-from drivetool.identify.noise import Noise, filtered, natural_ratio
+from drivetool.identify.noise import Noise, filtered, unit_noise_ratio
 from drivetool.identify.problem import Point, Problem, take_steps
 
 SHAPE_SUFFIXES = (".inertia", ".stiffness", ".damping", ".half_gap")  # positive parameters of known magnitude
@@ -46,9 +46,9 @@ def continue_in_process_noise(problem: Problem, linear: Problem | None, point: P
     start_ratio  initial torque noise, over that which moves the output by its sensor noise
     returns      (the point where the likelihood was best, torque noise over sensor noise there)
     """
-    natural = natural_ratio(problem, point)
+    natural = unit_noise_ratio(problem, point)
     boxed, ratio, best, worse_stages, flat_stages = (
-        within_shape_factor(problem, point, MAX_SHAPE_FACTOR), start_ratio * natural, None, 0, 0)
+        with_bounded_inertias_and_stiffnesses(problem, point, MAX_SHAPE_FACTOR), start_ratio * natural, None, 0, 0)
     lowest, stage = np.inf, 0
     while ratio > MIN_NOISE_RATIO * natural and worse_stages < MAX_WORSE_STAGES and flat_stages < 2:
         noise = Noise(ratio, None, problem.scale, ratio)
@@ -113,7 +113,7 @@ def value_of_cost(problem: Problem, cost: float, gains: Sequence[ObserverGains])
     return 0.5 * n * np.log(cost / n) - logs
 
 
-def within_shape_factor(problem: Problem, point: Point, share: float) -> Problem:
+def with_bounded_inertias_and_stiffnesses(problem: Problem, point: Point, share: float) -> Problem:
     """The problem with its shape parameters kept within a factor of where they are."""
     low, high = problem.low.copy(), problem.high.copy()
     for j, name in enumerate(problem.names):

@@ -11,7 +11,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from drivetool.identify.noise import Fit, Noise, excerpt, filtered, fit_ratio, minus_log_likelihood
+from drivetool.identify.noise import Fit, Noise, filtered, first_samples_of, fit_ratio, minus_log_likelihood
 from drivetool.identify.problem import Point, Problem, take_steps
 from drivetool.identify.starts.process_noise_continuation import SHAPE_SUFFIXES
 
@@ -35,7 +35,7 @@ def resonance_starts(problem: Problem, initial: Point, fit: Fit) -> list[tuple[P
     returns  the likeliest first; none where no point may exceed the fit
     """
     stiff = [j for j, n in enumerate(problem.names) if n.endswith(".stiffness") and initial.values[j] > 0.0]
-    part, initial = excerpt(problem, MAX_GRID_SAMPLES), _with_totals_of(problem, initial, fit.point)
+    part, initial = first_samples_of(problem, MAX_GRID_SAMPLES), _with_totals_of(problem, initial, fit.point)
     fit_value = _value_or_inf(part, fit.point, fit.noise)
     found: list[tuple[float, Point]] = []
     for chosen in _stiffness_groups(stiff):

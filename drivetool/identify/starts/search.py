@@ -15,7 +15,7 @@ from typing import Any, Generic, TypeVar
 
 import numpy as np
 
-from drivetool.identify.noise import Noise, excerpt, natural_ratio
+from drivetool.identify.noise import Noise, first_samples_of, unit_noise_ratio
 from drivetool.identify.problem import Point, Problem, Solution, schur
 from drivetool.identify.setup import Outcome, Task, first_point
 from drivetool.identify.starts.attempts import attempt_or_none, without_failed
@@ -135,8 +135,8 @@ def ranked_starts(task: Task, starts: Sequence[Mapping[str, float]], seed: int) 
     rng = np.random.default_rng(seed)
     others += [_with_varied_shape(balanced_starts[k % len(balanced_starts)], rng) for k in range(SHAPE_DRAWS)]
     problem, linear = task.problem(), task.linear_problem()
-    natural = natural_ratio(problem, first_point(balanced_starts[0].drive, problem, task.roles))
-    small, flat = excerpt(problem, SCREENING_SAMPLES), excerpt(linear, SCREENING_SAMPLES)
+    natural = unit_noise_ratio(problem, first_point(balanced_starts[0].drive, problem, task.roles))
+    small, flat = first_samples_of(problem, SCREENING_SAMPLES), first_samples_of(linear, SCREENING_SAMPLES)
     with ThreadPoolExecutor(PARALLEL_STARTS) as pool:
         scores = list(pool.map(lambda t: minimum_or_inf(screening_values(small, flat, t, natural,
                                                                          SCREENING_NOISE_RATIOS)),

@@ -13,7 +13,7 @@ from functools import cache
 
 import numpy as np
 
-from drivetool.logs import BRIDGE_STEPS, GAP_STEPS, median_step
+from drivetool.logs import GAP_STEPS, MAX_STEPS_WITHIN_SEGMENT, median_step
 
 # A choice: from this ratio of steps on two rates differ; below it, jitter and drift of a clock explain the ratio.
 MIN_RATE_RATIO = 1.25
@@ -66,7 +66,7 @@ def low_pass_reference(at: np.ndarray, step: float, time: np.ndarray, values: np
     grid = time[0] + np.arange(count) * reference_step
     even = np.interp(grid, time, values)
     right = np.clip(np.searchsorted(time, grid, side="right"), 1, len(time) - 1)
-    even[time[right] - time[right - 1] > (BRIDGE_STEPS + 0.1) * reference_step] = np.nan
+    even[time[right] - time[right - 1] > (MAX_STEPS_WITHIN_SEGMENT + 0.1) * reference_step] = np.nan
     centre = np.round((at - time[0]) / reference_step).astype(np.int64)
     reach = int(np.ceil(KERNEL_HALF_WIDTH * step / reference_step))
     total, weights = np.zeros(len(at)), np.zeros(len(at))

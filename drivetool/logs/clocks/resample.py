@@ -9,9 +9,9 @@ import numpy as np
 
 from drivetool.errors import BadRecording, Finding, NotEnoughData
 from drivetool.logs import (
-    BRIDGE_STEPS,
     INPUTS,
     JITTER_TOLERANCE,
+    MAX_STEPS_WITHIN_SEGMENT,
     STEP_TOLERANCE,
     Grid,
     Signal,
@@ -304,7 +304,7 @@ def _interpolate(at: np.ndarray, step: float, time: np.ndarray, values: np.ndarr
     before, after = time[right - 1], time[right]
     nearest = np.minimum(np.abs(at - before), np.abs(after - at))
     inside = (at >= time[0] - JITTER_TOLERANCE * step) & (at <= time[-1] + JITTER_TOLERANCE * step)
-    near = (after - before <= (BRIDGE_STEPS + 2 * JITTER_TOLERANCE) * step) | (nearest <= 0.5 * step)
+    near = (after - before <= (MAX_STEPS_WITHIN_SEGMENT + 2 * JITTER_TOLERANCE) * step) | (nearest <= 0.5 * step)
     return np.where(inside & near, np.interp(at, time, values), np.nan)
 
 

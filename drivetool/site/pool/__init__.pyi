@@ -7,4 +7,4 @@ from .executor import (
     all_at_once as all_at_once,
 )
 from .pool import Limits as Limits, Pool as Pool, check_memory_limit as check_memory_limit
-from .worker import numerics as numerics
+from .worker import library_versions as library_versions

@@ -13,7 +13,7 @@ from typing import Any
 from drivetool.errors import BadOption, DriveToolError
 from drivetool.site.pool.executor import NextTasks, Runner, all_at_once
 from drivetool.site.pool.pool import Answer, Limits, Pool
-from drivetool.site.pool.worker import numerics
+from drivetool.site.pool.worker import library_versions
 
 # s. A choice: a start of workers takes some seconds; a person waits no longer for a wrong address.
 SCHEDULER_TIMEOUT = 15.0
@@ -36,7 +36,7 @@ class Cluster:
         """
         from dask.distributed import as_completed
 
-        own_versions, task_numbers = numerics(), {}
+        own_versions, task_numbers = library_versions(), {}
         finished = as_completed([], loop=self.client.loop)
 
         def submit() -> None:
@@ -75,8 +75,8 @@ def _killed_answer() -> Answer:
 
 def run_remotely(task: dict[str, Any], limits: Limits, runner: Runner, expected: dict[str, str]) -> Answer:
     """A task on a worker of the cluster, in a separate process, so that its limits hold there, too."""
-    if numerics() != expected:
-        return {"numerics": numerics()}
+    if library_versions() != expected:
+        return {"numerics": library_versions()}
     pool: Pool | None = getattr(_worker_thread, "pool", None)
     if pool is None or (pool.limits, pool.runner) != (limits, runner):
         if pool is not None:

@@ -61,7 +61,7 @@ def _write_answer(outbound: IO[str], content: dict[str, Any]) -> None:
     outbound.flush()
 
 
-def numerics() -> dict[str, str]:
+def library_versions() -> dict[str, str]:
     """The library versions on which the numbers of a result depend."""
     return {"drivetool": drivetool.__version__, **{name: version(name) for name in ("numpy", "scipy", "numba")}}
 

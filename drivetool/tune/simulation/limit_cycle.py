@@ -52,7 +52,7 @@ class Cycle:
 
 
 @dataclass(frozen=True)
-class KickResponse:
+class DisturbanceResponse:
     """A load state with the response to its kick, for a picture; all (n,), time [s]."""
 
     cycle: Cycle
@@ -63,7 +63,7 @@ class KickResponse:
     twist: np.ndarray
 
 
-def kick_responses(loop: Loop, settings: Settings) -> tuple[KickResponse, ...]:
+def disturbance_responses(loop: Loop, settings: Settings) -> tuple[DisturbanceResponse, ...]:
     """The responses in every load state with a possible limit cycle; empty for a linear drive or one body.
 
     mimo loops with a gap are left out: the gap changes the torque to which their second motor responds
@@ -102,11 +102,11 @@ def _kick_unit(loop: Loop) -> float:
 
 
 def _watch_situation(loop: Loop, settings: Settings, name: str, speed: float, load: float,
-                     kick_unit: float) -> KickResponse:
+                     kick_unit: float) -> DisturbanceResponse:
     """Kicks of decreasing size until a cycle remains; without one, the response to the default kick."""
     found = []
     for size in KICK_SIZES:
-        found.append(_watch_kick(loop, settings, name, speed, load, kick_unit, size))
+        found.append(_simulate_disturbance(loop, settings, name, speed, load, kick_unit, size))
         if found[-1].cycle.hunts:
             return found[-1]
     return found[DEFAULT_KICK]
@@ -118,8 +118,8 @@ def _load_viscous_friction(loop: Loop) -> float:
     return float(plain.of_body(len(loop.drive.bodies) - 1, "viscous").v)
 
 
-def _watch_kick(loop: Loop, settings: Settings, name: str, speed: float, load: float, kick_unit: float,
-                size: float) -> KickResponse:
+def _simulate_disturbance(loop: Loop, settings: Settings, name: str, speed: float, load: float, kick_unit: float,
+                size: float) -> DisturbanceResponse:
     """The response to one kick of the load's speed, extended while the swing neither stays nor decays."""
     rates, (slowest, _) = np.linalg.eigvals(loop.matrix(settings)), rate_range(loop.drive, loop.wiring)
     length = WATCHED_TIME_CONSTANTS * max(-1.0 / rates.real.max(), 1.0 / slowest, settings.integral_time)
@@ -145,7 +145,7 @@ def _watch_kick(loop: Loop, settings: Settings, name: str, speed: float, load: f
     segment = first[:max(200, int(segment / step))]
     ahead = loop.direct * loop.reference_gain(loop.wiring.motors[0], settings) * speed
     segment = segment + np.array([0.0, 0.0, ahead, 0.0])
-    return KickResponse(cycle, np.arange(len(segment)) * step, *segment.T)
+    return DisturbanceResponse(cycle, np.arange(len(segment)) * step, *segment.T)
 
 
 def _signal_rows(loop: Loop, settings: Settings) -> np.ndarray:
