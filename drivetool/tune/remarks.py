@@ -8,6 +8,7 @@ from math import isfinite
 from drivetool.drive import Drive
 from drivetool.errors import Finding
 from drivetool.identify.estimate import Covariance
+from drivetool.quantity import quantity_of
 from drivetool.tune.gains import Design, TuneOptions
 from drivetool.tune.optimisation import Draws
 from drivetool.tune.speed_loop import FLAT_AT_STANDSTILL, acting_effects, left_out_parameters
@@ -85,7 +86,7 @@ def spread_findings(drive: Drive, options: TuneOptions, covariance: Covariance |
             f"{draws.unphysical} of {options.draws} draws of the parameters are not physical and were left out.",
             {"unphysical": draws.unphysical, "draws": options.draws},
             "The normal distribution reaches beyond the bounds: a parameter is hardly known."))
-    without_std = [n for n in drive.values if n not in covariance.names and n.rpartition(".")[2] in LOOP_SUFFIXES]
+    without_std = [n for n in drive.values if n not in covariance.names and quantity_of(n) in LOOP_SUFFIXES]
     if without_std:
         found.append(Finding(
             "note", "covariance-incomplete",
