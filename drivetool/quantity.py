@@ -1,12 +1,16 @@
-"""Kinds of parameters: unit, meaning, bounds, scale and the value without effect."""
+"""Kinds of parameters: unit, meaning, bounds, scale and the value without effect; their names."""
 
 from __future__ import annotations
 
 import math
+from collections.abc import Iterable
 from dataclasses import dataclass
+from functools import cache
+from typing import NamedTuple
 
 ELECTRIC_UNITS = ("A", "V", "%")  # units in which a motor's input may be logged; its torque constant converts it
 RPM_PER_RAD_S = 30.0 / math.pi  # 60 s/min over 2 pi rad per revolution
+RECORD_MARK = "@"  # NAME@RECORD is the value of NAME in that recording alone
 
 # A chain is the same for Nm and rad, N and m, or A and rad; units follow from these two.
 _SPELLING = {
@@ -55,3 +59,63 @@ class Quantity:
 def _power(symbol: str, factor: str) -> int:
     """Power of a symbol in a product."""
     return 2 if f"{symbol}^2" in factor else int(symbol in factor)
+
+
+class ParameterName(NamedTuple):
+    """A parameter's name in its parts; text in files and as a key, `str(name)`.
+
+    owner     the body, shaft or signal path that has it, or total
+    quantity  what it is of it, as coulomb
+    record    the recording in which it has a value of its own; empty: in all
+    """
+
+    owner: str
+    quantity: str
+    record: str = ""
+
+    def __str__(self) -> str:
+        """OWNER.QUANTITY or OWNER.QUANTITY@RECORD."""
+        return f"{self.owner}.{self.quantity}{RECORD_MARK * bool(self.record)}{self.record}"
+
+
+@cache
+def parse_name(name: str) -> ParameterName:
+    """The parts of a parameter's name."""
+    shared, _, record = name.partition(RECORD_MARK)
+    owner, _, quantity = shared.rpartition(".")
+    return ParameterName(owner, quantity, record)
+
+
+def name_of(owner: str, quantity: str, record: str = "") -> str:
+    """The name of a parameter as text."""
+    return str(ParameterName(owner, quantity, record))
+
+
+def with_parts(name: str, **parts: str) -> str:
+    """The name with another owner, quantity or record."""
+    return str(parse_name(name)._replace(**parts))
+
+
+def names_of(owners: Iterable[str], quantity: str) -> list[str]:
+    """The names of one quantity of several bodies or shafts."""
+    return [name_of(owner, quantity) for owner in owners]
+
+
+def owner_of(name: str) -> str:
+    """The body, shaft or signal path of a parameter."""
+    return parse_name(name).owner
+
+
+def quantity_of(name: str) -> str:
+    """The quantity of a parameter, as coulomb."""
+    return parse_name(name).quantity
+
+
+def record_of(name: str) -> str:
+    """The recording in which a parameter has a value of its own; empty: in all."""
+    return parse_name(name).record
+
+
+def shared(name: str) -> str:
+    """The name of a parameter without the recording in which it has a value of its own."""
+    return str(parse_name(name)._replace(record=""))

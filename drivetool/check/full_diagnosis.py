@@ -49,9 +49,10 @@ from drivetool.check.verdict import MIN_UNEXPLAINED_GAIN, diagnosis_of
 from drivetool.drive import Drive
 from drivetool.errors import BadParameters, DriveToolError, Finding, NotEnoughData
 from drivetool.identify.setup import Roles, Task, after_transient, roles_of, traces_of
-from drivetool.identify.starts import SHAPE_SUFFIXES
+from drivetool.identify.starts import SHAPE_QUANTITIES
 from drivetool.logs import Experiment
 from drivetool.logs.samples import without_unmeasured
+from drivetool.quantity import name_of, quantity_of
 
 DEAD_TIME_CODE, DEAD_TIME_NAME = "dead-time", "converter.dead_time"
 # samples of a dead time: from half a sample on, a torque from before the record acts in it
@@ -140,7 +141,7 @@ def diagnose(experiments: Sequence[Experiment], drive: Drive, free: Sequence[str
 def without_added_friction(drive: Drive, free: Sequence[str],
                            initial_fit: Mapping[str, float]) -> tuple[Drive, tuple[str, ...]]:
     """The base without dry friction that its own fit has added behind the motor: that is a cause like others."""
-    load_friction = {f"{body}.coulomb" for body in drive.bodies[1:]}
+    load_friction = {name_of(body, "coulomb") for body in drive.bodies[1:]}
     added = {n for n in free if n in load_friction and initial_fit.get(n) == 0.0}
     return drive.with_values(dict.fromkeys(added, 0.0)), tuple(n for n in free if n not in added)
 
@@ -226,7 +227,7 @@ def base_and_alternatives(task: Task, request: Request) -> tuple[Model, tuple[Mo
 
 def has_diverged_from_start(root: Model, values: Mapping[str, float | None]) -> bool:
     """Whether an inertia, stiffness, damping or gap differs from its start by more than starts are wrong."""
-    return any(n.endswith(SHAPE_SUFFIXES) and values[n]
+    return any(quantity_of(n) in SHAPE_QUANTITIES and values[n]
                and not values[n] / MAX_START_FACTOR < v < values[n] * MAX_START_FACTOR
                for n, v in zip(root.task.free, root.point.values, strict=True))
 

@@ -3,13 +3,11 @@ from .chain import (
     END_MASS as END_MASS,
     GEAR_RATIO_EXPONENTS as GEAR_RATIO_EXPONENTS,
     KNOWN_DRIVES as KNOWN_DRIVES,
-    RECORD_MARK as RECORD_MARK,
     TOTALS as TOTALS,
     DampingLaw as DampingLaw,
     Drive as Drive,
     is_constant as is_constant,
     one_body as one_body,
-    shared as shared,
     two_mass as two_mass,
 )
 from .dual import Dual as Dual

@@ -14,11 +14,12 @@ from operator import mul
 import numpy as np
 
 from drivetool.drive.arrays import System
-from drivetool.drive.chain import TOTALS, Drive, body_shares, shared
+from drivetool.drive.chain import TOTALS, Drive, body_shares
 from drivetool.drive.dual import Dual
 from drivetool.drive.effects import EFFECTS, FLUXES, VOLTAGES, torque_constant
 from drivetool.drive.shaft_rows import always_transmitted, in_contact
 from drivetool.errors import BadParameters
+from drivetool.quantity import name_of, owner_of, shared
 
 Row = dict[int, Dual]  # state -> factor
 FRICTION_SUFFIXES = frozenset(suffix for effect in EFFECTS for suffix in effect.friction)
@@ -113,7 +114,7 @@ class Assembly:
 
     def of_body(self, body: int, suffix: str) -> Dual:
         """A body's parameter; a total is distributed by the rule at TOTALS in chain.py."""
-        name = f"{self.drive.bodies[body]}.{suffix}"
+        name = name_of(self.drive.bodies[body], suffix)
         scaled = suffix in FRICTION_SUFFIXES and self.acts_on_friction("factor")
         factor = self.of_friction("factor") if scaled else self.number(1.0)
         for total, part in TOTALS.items():
@@ -125,15 +126,15 @@ class Assembly:
         """A body's parameter for a total of one."""
         masses = []
         for name in self.drive.bodies:
-            mass, radius = self.parameter(f"{name}.carried_mass"), self.parameter(f"{name}.radius")
-            added = self.parameter(f"{name}.added_inertia")
-            masses.append(self.parameter(f"{name}.inertia") + added + mass * radius * radius)
-        ratios = [self.parameter(f"{shaft}.ratio") for shaft in self.drive.shafts]
+            mass, radius = self.parameter(name_of(name, "carried_mass")), self.parameter(name_of(name, "radius"))
+            added = self.parameter(name_of(name, "added_inertia"))
+            masses.append(self.parameter(name_of(name, "inertia")) + added + mass * radius * radius)
+        ratios = [self.parameter(name_of(shaft, "ratio")) for shaft in self.drive.shafts]
         return body_shares(suffix, masses, list(accumulate([self.number(1.0), *ratios], mul)))[body]
 
     def of_shaft(self, shaft: int, suffix: str) -> Dual:
         """A shaft's parameter."""
-        return self.parameter(f"{self.drive.shafts[shaft]}.{suffix}")
+        return self.parameter(name_of(self.drive.shafts[shaft], suffix))
 
     def of_path(self, suffix: str) -> Dual:
         """A parameter of the torque path."""
@@ -149,11 +150,11 @@ class Assembly:
 
     def acts(self, body: int, suffix: str) -> bool:
         """Whether a body's effect is present: not neutral, or free."""
-        return f"{self.drive.bodies[body]}.{suffix}" in self.acting
+        return name_of(self.drive.bodies[body], suffix) in self.acting
 
     def acts_on_shaft(self, shaft: int, suffix: str) -> bool:
         """Whether a shaft's effect is present."""
-        return f"{self.drive.shafts[shaft]}.{suffix}" in self.acting
+        return name_of(self.drive.shafts[shaft], suffix) in self.acting
 
     def acts_on_path(self, suffix: str) -> bool:
         """Whether an effect of the torque path is present."""
@@ -173,7 +174,7 @@ class Assembly:
 
     def _needs_angle(self) -> bool:
         """Whether a torque depends on the angle."""
-        return any(effect.over_angle and f"{owner}.{suffix}" in self.acting
+        return any(effect.over_angle and name_of(owner, suffix) in self.acting
                    for effect, owner, _ in self.drive.effects() for suffix in effect.present)
 
     def speed(self, body: int) -> int:
@@ -276,7 +277,7 @@ class Assembly:
             if role in VOLTAGES:
                 continue
             if role in self.drive.known_torques:
-                self.torque(self.drive.bodies.index(role.partition(".")[0]), column, -self.parameter(role))
+                self.torque(self.drive.bodies.index(owner_of(role)), column, -self.parameter(role))
                 continue
             body = self.body_of(role)
             self.torque(body, column, -one if role == "load_torque" else torque_constant.gain(self, body))

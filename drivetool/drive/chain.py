@@ -13,7 +13,7 @@ from typing import Literal, TypeVar
 from drivetool.drive.dual import Dual
 from drivetool.drive.effects import EFFECTS, Effect, torque_constant
 from drivetool.errors import BadParameters, nearest
-from drivetool.quantity import Quantity
+from drivetool.quantity import Quantity, name_of, names_of, owner_of, quantity_of, record_of, shared
 
 # Parameters of which a record identifies only the sum over all bodies, referred to the motor: behind a reduction n
 # a torque counts 1/n and a friction coefficient 1/n^2. The viscous sum is distributed in proportion to the inertias
@@ -23,7 +23,6 @@ TOTALS = {"total.viscous": "viscous", "total.idle_torque": "idle_torque"}
 # Power of n by which a parameter is divided when it is referred to the motor.
 GEAR_RATIO_EXPONENTS = {"viscous": 2, "idle_torque": 1, "coulomb": 1}
 KNOWN_TORQUE = Quantity("{T}", "factor of a known torque", (-1e12, 1e12), 1e-2, 0.0)
-RECORD_MARK = "@"  # NAME@RECORD is the value of NAME in that recording alone
 END_MASS = "tip"  # a body behind the load that diagnose has added: the load's sensors and names stay with the load
 Number = TypeVar("Number", float, Dual)
 
@@ -62,7 +61,7 @@ class Drive:
     @property
     def quantities(self) -> Mapping[str, Quantity]:
         """Every parameter this chain can have, in a fixed order, each followed by those of single recordings."""
-        own = tuple(n for n in self.values if RECORD_MARK in n) if self.records else ()
+        own = tuple(n for n in self.values if record_of(n)) if self.records else ()
         return _quantities(self.bodies, self.shafts, self.known_torques, own)
 
     def effects(self) -> tuple[tuple[Effect, str, int], ...]:
@@ -71,8 +70,8 @@ class Drive:
 
     def quantity(self, name: str) -> Quantity:
         """The kind of a parameter; BadParameters suggests the nearest name."""
-        kind, at, record = name.partition(RECORD_MARK)
-        if at and record not in self.records:
+        kind, record = shared(name), record_of(name)
+        if record and record not in self.records:
             raise BadParameters("a recording that has parameters of its own", f"'{record}' in {name}",
                                 "Declare it with --record, or name it under records.", tuple(self.records))
         try:
@@ -97,13 +96,14 @@ class Drive:
 
     def gear_ratios(self) -> list[float]:
         """(n,) gear ratios: turns of the motor per turn of each body."""
-        ratios = [self.value(f"{shaft}.ratio") for shaft in self.shafts]
+        ratios = [self.value(name_of(shaft, "ratio")) for shaft in self.shafts]
         return list(accumulate([1.0, *ratios], mul))
 
     def inertias(self) -> list[float]:
         """(n,) inertia of each body with added inertia and carried mass; an unknown one is zero."""
-        return [(self.value(f"{b}.inertia") or 0.0) + self.value(f"{b}.added_inertia")
-                + self.value(f"{b}.carried_mass") * self.value(f"{b}.radius") ** 2 for b in self.bodies]
+        return [(self.value(name_of(b, "inertia")) or 0.0) + self.value(name_of(b, "added_inertia"))
+                + self.value(name_of(b, "carried_mass")) * self.value(name_of(b, "radius")) ** 2
+                for b in self.bodies]
 
     @property
     def referred_inertia(self) -> float:
@@ -112,24 +112,24 @@ class Drive:
 
     def referred_to_motor(self, suffix: str, bodies: Iterable[str] | None = None) -> float:
         """Sum of a friction parameter over the bodies, referred to the motor; an unknown one counts as zero."""
-        names = (f"{b}.{suffix}" for b in (self.bodies if bodies is None else bodies))
+        names = names_of(self.bodies if bodies is None else bodies, suffix)
         return float(sum((self.value(n) or 0.0) * self.referred_share(n) for n in names))
 
     def referred_share(self, name: str) -> float:
         """Factor that refers a body's friction parameter to the motor."""
-        body, suffix = name.split(".")
-        return self.gear_ratios()[self.bodies.index(body)] ** -GEAR_RATIO_EXPONENTS[suffix]
+        body = self.bodies.index(owner_of(name))
+        return self.gear_ratios()[body] ** -GEAR_RATIO_EXPONENTS[quantity_of(name)]
 
     def parts(self, total: str, whole: float) -> dict[str, float]:
         """The bodies' own parameters if a sum is distributed by the rule at TOTALS."""
-        names, each = [f"{b}.{TOTALS[total]}" for b in self.bodies], body_shares(
+        names, each = names_of(self.bodies, TOTALS[total]), body_shares(
             TOTALS[total], self.inertias(), self.gear_ratios())
         return {n: whole * s for n, s in zip(names, each, strict=True)}
 
     def known_value(self, name: str) -> float | None:
         """The value; else a body's part by rule if only the sum is known; else the neutral value, or None."""
         for total, suffix in TOTALS.items():
-            if total in self.values and name not in self.values and name.endswith(f".{suffix}"):
+            if total in self.values and name not in self.values and quantity_of(name) == suffix:
                 return self.parts(total, self.values[total])[name]
         return self.value(name)
 
@@ -146,7 +146,7 @@ class Drive:
                     f"{name} between {low:g} and {high:g} {self.unit(name)}",
                     f"{value:g}", "Correct the value in the parameter file or after --set.")
         for total, suffix in TOTALS.items():
-            parts = [f"{body}.{suffix}" for body in self.bodies]
+            parts = names_of(self.bodies, suffix)
             if total in values:
                 for part in parts:
                     merged.pop(part, None)
@@ -182,10 +182,10 @@ def _effects(bodies: tuple[str, ...], shafts: tuple[str, ...]) -> tuple[tuple[Ef
 @cache
 def _quantities(bodies: tuple[str, ...], shafts: tuple[str, ...], known_torques: tuple[str, ...],
                 own: tuple[str, ...]) -> Mapping[str, Quantity]:
-    found = {f"{owner}.{suffix}": quantity for effect, owner, _ in _effects(bodies, shafts)
+    found = {name_of(owner, suffix): quantity for effect, owner, _ in _effects(bodies, shafts)
              for suffix, quantity in effect.quantities.items()}
     for total, suffix in TOTALS.items():
-        found[total] = found[f"{bodies[0]}.{suffix}"]
+        found[total] = found[name_of(bodies[0], suffix)]
     found |= dict.fromkeys(known_torques, KNOWN_TORQUE)
     if own:
         found = {n: quantity for name, quantity in found.items()
@@ -193,14 +193,9 @@ def _quantities(bodies: tuple[str, ...], shafts: tuple[str, ...], known_torques:
     return MappingProxyType(found)
 
 
-def shared(name: str) -> str:
-    """The name of a parameter without the recording in which it has a value of its own."""
-    return name.partition(RECORD_MARK)[0]
-
-
 def is_constant(name: str) -> bool:
     """Whether a parameter is the torque constant of a body, in all recordings or in one."""
-    return shared(name).rpartition(".")[2] == torque_constant.NAME
+    return quantity_of(name) == torque_constant.NAME
 
 
 def body_shares(suffix: str, masses: Sequence[Number], ratios: Sequence[Number]) -> list[Number]:

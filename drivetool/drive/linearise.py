@@ -13,9 +13,10 @@ from typing import Literal
 import numpy as np
 
 from drivetool.drive.assemble import Assembly, Layout
-from drivetool.drive.chain import Drive, shared
+from drivetool.drive.chain import Drive
 from drivetool.drive.shaft_rows import damping_of
 from drivetool.errors import BadOption
+from drivetool.quantity import quantity_of
 
 MOTOR_TORQUE = "motor_torque"
 
@@ -41,7 +42,7 @@ def linear_drive(drive: Drive) -> Drive:
     """The drive without gaps, Coulomb friction and dead time."""
     removed = ("half_gap", "coulomb", "dead_time")
     return replace(drive, values={
-        k: v for k, v in drive.values.items() if shared(k).rsplit(".", 1)[-1] not in removed})
+        k: v for k, v in drive.values.items() if quantity_of(k) not in removed})
 
 
 def state_space(drive: Drive, inputs: Sequence[str] = (MOTOR_TORQUE,), outputs: Sequence[str] = ("motor_speed",),

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from drivetool.quantity import name_of
 from drivetool.tune.gains import Design, Gains
 from drivetool.tune.optimisation import Draws, FigureSpread, criterion_values, impact_drops, signals
 from drivetool.tune.simulation import DisturbanceResponse
@@ -110,7 +111,7 @@ def pictures(gains: Gains, draws: Draws | None) -> tuple[object, ...]:
         if design.watches:
             found.append(LimitCyclePlotData(f"{prefix}hunting", f"{heading}The loop around the whole drive, kicked",
                                  design.watches, f"{gains.drive.motion_unit}/s", gains.drive.torque_unit,
-                                 gains.drive.value(f"{gains.drive.shafts[-1]}.half_gap") or 0.0))
+                                 gains.drive.value(name_of(gains.drive.shafts[-1], "half_gap")) or 0.0))
     found.insert(0, load_step(gains, draws))
     return tuple(found)
 

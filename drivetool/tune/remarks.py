@@ -8,6 +8,7 @@ from math import isfinite
 from drivetool.drive import Drive
 from drivetool.errors import Finding
 from drivetool.identify.estimate import Covariance
+from drivetool.quantity import quantity_of
 from drivetool.tune.gains import Design, TuneOptions
 from drivetool.tune.optimisation import Draws
 from drivetool.tune.speed_loop import FLAT_AT_STANDSTILL, acting_effects, left_out_parameters
@@ -86,7 +87,7 @@ def spread_findings(drive: Drive, options: TuneOptions, covariance: Covariance |
             {"unphysical": draws.unphysical, "draws": options.draws},
             "Identify the drive more accurately: the normal distribution of a parameter reaches beyond its "
             "bounds."))
-    without_std = [n for n in drive.values if n not in covariance.names and n.rpartition(".")[2] in LOOP_SUFFIXES]
+    without_std = [n for n in drive.values if n not in covariance.names and quantity_of(n) in LOOP_SUFFIXES]
     if without_std:
         found.append(Finding(
             "note", "covariance-incomplete",

@@ -6,6 +6,7 @@ from typing import TYPE_CHECKING
 
 from drivetool.check.causes.cause import Cause
 from drivetool.check.starts import Bounds, Start, largest_torque, speed_and_duration, starts_on_any_body
+from drivetool.quantity import owner_of, quantity_of
 
 if TYPE_CHECKING:
     from drivetool.check.fit import Model
@@ -19,8 +20,8 @@ def _starts(base: Model) -> list[Start]:
 def _bounds(base: Model, task: Task) -> Bounds:
     """At most the largest motor torque at the largest speed."""
     found = {}
-    for name in (n for n in task.free if n.endswith(".viscous_asymmetry")):
-        body = name.rpartition(".")[0]
+    for name in (n for n in task.free if quantity_of(n) == "viscous_asymmetry"):
+        body = owner_of(name)
         limit = largest_torque(base, body) / speed_and_duration(base, body)[0]
         found[name] = (-limit, limit)
     return found

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING
 
 from drivetool.check.causes.cause import Cause
 from drivetool.check.starts import Start, gear_ratio, is_present, new_values, start_with, torque_size, travel
+from drivetool.quantity import name_of, owner_of
 
 if TYPE_CHECKING:
     from drivetool.check.fit import Masks, Model
@@ -23,7 +24,7 @@ def _starts(base: Model) -> list[Start]:
 
     found = []
     for shaft in base.task.drive.shafts:
-        name = f"{shaft}.half_gap"
+        name = name_of(shaft, "half_gap")
         if not is_present(base, name):
             found += [start_with(base, {name: value}, ())
                       for value in half_gaps(base, name, torque_size(base, shaft))]
@@ -34,7 +35,7 @@ def _starts_imposed(base: Model) -> list[Start]:
     """Half gaps as a share of the twist by the torque, with the shaft stiffness raised to keep the total twist."""
     found = []
     for shaft in base.task.drive.shafts:
-        name, stiffness = f"{shaft}.half_gap", f"{shaft}.stiffness"
+        name, stiffness = name_of(shaft, "half_gap"), name_of(shaft, "stiffness")
         if is_present(base, name):
             continue
         soft = base.fitted.drive.values[stiffness]
@@ -46,15 +47,15 @@ def _starts_imposed(base: Model) -> list[Start]:
 
 def _wider_than_travel(model: Model, base: Model) -> str:
     """Whether the gap is wider than the travel: then the shaft never transmits torque."""
-    wide = any(2.0 * v > travel(base) / gear_ratio(base, n.partition(".")[0])
-               for n, v in new_values(model, base, ".half_gap"))
+    wide = any(2.0 * v > travel(base) / gear_ratio(base, owner_of(n))
+               for n, v in new_values(model, base, "half_gap"))
     return "the motion of the record is too small to cross the gap" if wide else ""
 
 
 def _trace(base: Model) -> Start:
     shaft = base.task.drive.shafts[0]
-    twist = torque_size(base, shaft) / base.fitted.drive.value(f"{shaft}.stiffness")
-    return start_with(base, {f"{shaft}.half_gap": TRACE_GAP_SHARE * twist}, ())
+    twist = torque_size(base, shaft) / base.fitted.drive.value(name_of(shaft, "stiffness"))
+    return start_with(base, {name_of(shaft, "half_gap"): TRACE_GAP_SHARE * twist}, ())
 
 
 def _ends(base: Model, masks: Masks) -> Sequence[Model]:

@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING
 
 from drivetool.check.causes.cause import Cause
 from drivetool.errors import BadOption, nearest
+from drivetool.quantity import quantity_of
 
 if TYPE_CHECKING:
     from drivetool.drive import Drive
@@ -51,7 +52,7 @@ def size_parameters(code: str, parameters: Sequence[Parameter]) -> tuple[Paramet
     """The fitted parameters that give the size of a cause; all for a code outside the catalogue."""
     cause = CAUSES.get(code)
     sizes = [p for size in cause.sizes for p in parameters
-            if p.name.endswith(f".{size}") and cause.has(p.name)] if cause else []
+            if quantity_of(p.name) == size and cause.has(p.name)] if cause else []
     return tuple(sizes or parameters)
 
 

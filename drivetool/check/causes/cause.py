@@ -7,6 +7,7 @@ from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Literal
 
 from drivetool.check.starts import Bounds, Start
+from drivetool.quantity import parse_name
 
 if TYPE_CHECKING:
     from drivetool.check.fit import Masks, Model
@@ -93,6 +94,6 @@ class Cause:
 
     def has(self, name: str) -> bool:
         """Whether a parameter gives its size: of friction at one end of the drive, that of this end."""
-        owner, _, suffix = name.rpartition(".")
+        owner, quantity, _ = parse_name(name)
         at_end = {"motor": owner == "motor", "load": owner != "motor", "any": True}
-        return suffix in self.sizes and at_end[self.end]
+        return quantity in self.sizes and at_end[self.end]

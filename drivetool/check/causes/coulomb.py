@@ -14,6 +14,7 @@ from drivetool.check.starts import (
     start_with,
     torque_size,
 )
+from drivetool.quantity import name_of
 
 if TYPE_CHECKING:
     from drivetool.check.fit import Model
@@ -26,7 +27,7 @@ def _starts(end: str) -> Callable[[Model], list[Start]]:
     def starts(base: Model) -> list[Start]:
         found = []
         for body in bodies_without(base, end, "coulomb"):
-            name, size = f"{body}.coulomb", torque_size(base, body)
+            name, size = name_of(body, "coulomb"), torque_size(base, body)
             found += [start_with(base, {name: NEGLIGIBLE_FRICTION_SHARE * size}, (name,)),
                       start_with(base, {name: START_FRICTION_SHARE * size}, ())]
         return found
@@ -38,10 +39,10 @@ def _starts_imposed(end: str) -> Callable[[Model], list[Start]]:
     def starts(base: Model) -> list[Start]:
         found, values = _starts(end)(base), base.fitted.drive.values
         for body in bodies_without(base, end, "coulomb"):
-            name = f"{body}.viscous"
+            name = name_of(body, "viscous")
             if name in base.task.free:
                 dry = RMS_TO_PEAK_SPEED * speed_and_duration(base, body)[0] * values[name]
-                found.append(start_with(base, {f"{body}.coulomb": dry, name: 0.0}, ()))
+                found.append(start_with(base, {name_of(body, "coulomb"): dry, name: 0.0}, ()))
         return found
     return starts
 

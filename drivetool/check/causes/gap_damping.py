@@ -6,6 +6,7 @@ from typing import TYPE_CHECKING
 
 from drivetool.check.causes.cause import Cause
 from drivetool.check.starts import Start, is_present, start_with
+from drivetool.quantity import name_of
 
 if TYPE_CHECKING:
     from drivetool.check.fit import Model
@@ -15,8 +16,8 @@ def _starts(base: Model) -> list[Start]:
     """In addition to the damping of the contact, and instead of it."""
     found = []
     for shaft in base.task.drive.shafts:
-        name, own = f"{shaft}.gap_damping", f"{shaft}.damping"
-        if not is_present(base, f"{shaft}.half_gap") or is_present(base, name):
+        name, own = name_of(shaft, "gap_damping"), name_of(shaft, "damping")
+        if not is_present(base, name_of(shaft, "half_gap")) or is_present(base, name):
             continue
         damping = base.fitted.drive.value(own) or 0.0
         found += [start_with(base, {name: 0.0}, (name,)),

@@ -6,6 +6,7 @@ from typing import TYPE_CHECKING
 
 from drivetool.check.causes.cause import Cause
 from drivetool.check.starts import Start, is_present, start_with, torque_size
+from drivetool.quantity import name_of
 
 if TYPE_CHECKING:
     from drivetool.check.fit import Model
@@ -16,11 +17,11 @@ HARDENING_POWER_STARTS = (2.0, 1.0)  # of the twist, as starts: quadratic and li
 def _starts(base: Model) -> list[Start]:
     found, drive = [], base.fitted.drive
     for shaft in drive.shafts:
-        if is_present(base, f"{shaft}.hardening"):
+        if is_present(base, name_of(shaft, "hardening")):
             continue
-        twist = 2.0 * torque_size(base, shaft) / drive.value(f"{shaft}.stiffness")
+        twist = 2.0 * torque_size(base, shaft) / drive.value(name_of(shaft, "stiffness"))
         for power in HARDENING_POWER_STARTS:
-            name = f"{shaft}.hardening"
+            name = name_of(shaft, "hardening")
             values = {name: 0.0, f"{name}_twist": twist, f"{name}_power": power}
             found.append(start_with(base, values, (name,), fixed=(f"{name}_twist",)))
     return found

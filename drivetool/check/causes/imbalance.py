@@ -6,6 +6,7 @@ from typing import TYPE_CHECKING
 
 from drivetool.check.causes.cause import Cause
 from drivetool.check.starts import Start, is_present, start_with
+from drivetool.quantity import name_of
 
 if TYPE_CHECKING:
     from drivetool.check.fit import Model
@@ -13,7 +14,7 @@ if TYPE_CHECKING:
 
 def _starts(base: Model) -> list[Start]:
     body = base.task.drive.bodies[-1]
-    names = [f"{body}.imbalance_sine", f"{body}.imbalance_cosine"]
+    names = [name_of(body, "imbalance_sine"), name_of(body, "imbalance_cosine")]
     if any(is_present(base, n) for n in names) or base.task.drive.motion_unit != "rad":
         return []
     return [start_with(base, dict.fromkeys(names, 0.0), names)]

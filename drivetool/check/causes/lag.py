@@ -16,6 +16,7 @@ from drivetool.check.starts import (
     start_with,
     too_short_to_detect,
 )
+from drivetool.quantity import name_of
 
 if TYPE_CHECKING:
     from drivetool.check.fit import Masks, Model
@@ -28,7 +29,7 @@ MIN_DAMPING_GAIN = 4.0
 
 def _starts(owner: str, role: str) -> Callable[[Model], list[Start]]:
     def starts(base: Model) -> list[Start]:
-        if is_present(base, f"{owner}.bandwidth") or (role and role not in base.task.roles.outputs):
+        if is_present(base, name_of(owner, "bandwidth")) or (role and role not in base.task.roles.outputs):
             return []
         return [start for order in LAG_ORDERS for start in lag_starts(owner, order, base)]
     return starts
@@ -36,7 +37,7 @@ def _starts(owner: str, role: str) -> Callable[[Model], list[Start]]:
 
 def _trace(owner: str) -> Callable[[Model], Start]:
     def trace(base: Model) -> Start:
-        return shortest_delay(base, f"{owner}.bandwidth")
+        return shortest_delay(base, name_of(owner, "bandwidth"))
     return trace
 
 
@@ -46,7 +47,7 @@ def _with_damping_fitted(owner: str) -> Callable[[Model, Model, Masks, Callable]
     With free damping from the start, a lag of first order would become one of second order with two real poles.
     """
     def refined(model: Model, base: Model, masks: Masks, refitted: Callable) -> Model:
-        bandwidth, order, damping = (f"{owner}.{what}" for what in ("bandwidth", "order", "damping"))
+        bandwidth, order, damping = (name_of(owner, what) for what in ("bandwidth", "order", "damping"))
         drive = model.task.drive
         if bandwidth not in model.task.free or drive.value(order) != 2.0 or damping in model.task.free:
             return model

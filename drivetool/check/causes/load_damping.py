@@ -6,13 +6,14 @@ from typing import TYPE_CHECKING
 
 from drivetool.check.causes.cause import Cause
 from drivetool.check.starts import Start, is_present, start_with
+from drivetool.quantity import names_of
 
 if TYPE_CHECKING:
     from drivetool.check.fit import Model
 
 
 def _starts(base: Model) -> list[Start]:
-    names = [f"{s}.load_damping" for s in base.task.drive.shafts]
+    names = names_of(base.task.drive.shafts, "load_damping")
     return [start_with(base, {n: 0.0}, (n,)) for n in names if not is_present(base, n)]
 
 

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING
 from drivetool.check.causes.cause import Cause
 from drivetool.check.starts import Start, is_present, start_with
 from drivetool.drive.effects import STEP_NAMES, STEP_RECORDS, STEP_TIMES, STEP_TORQUES
+from drivetool.quantity import name_of, owner_of, quantity_of
 
 if TYPE_CHECKING:
     from drivetool.check.fit import Masks, Model
@@ -22,18 +23,18 @@ FURTHER_STEP_STDS = 5.0
 def with_steps(base: Model, instants: Sequence[tuple[float, int]]) -> Start:
     """The base with loads that set in at these instants, in that record alone if its number is not zero."""
     body, values = base.task.drive.bodies[-1], {}
-    unused = [step for step in STEP_NAMES if not is_present(base, f"{body}.{step}_torque")]
+    unused = [step for step in STEP_NAMES if not is_present(base, name_of(body, f"{step}_torque"))]
     for step, (time, record) in zip(unused, instants, strict=False):
-        values |= {f"{body}.{step}_torque": 0.0, f"{body}.{step}_time": time}
-        values |= {f"{body}.{step}_record": float(record)} if record else {}
-    return start_with(base, values, [n for n in values if n.endswith(STEP_TORQUES)],
-                 [n for n in values if n.endswith(STEP_RECORDS)])
+        values |= {name_of(body, f"{step}_torque"): 0.0, name_of(body, f"{step}_time"): time}
+        values |= {name_of(body, f"{step}_record"): float(record)} if record else {}
+    return start_with(base, values, [n for n in values if quantity_of(n) in STEP_TORQUES],
+                 [n for n in values if quantity_of(n) in STEP_RECORDS])
 
 
 def _starts(base: Model) -> list[Start]:
     from drivetool.check.starts import load_steps
 
-    if is_present(base, f"{base.task.drive.bodies[-1]}.step_torque"):
+    if is_present(base, name_of(base.task.drive.bodies[-1], "step_torque")):
         return []
     return [with_steps(base, instants) for instants in load_steps(base)]
 
@@ -42,7 +43,7 @@ def _near_record_end(model: Model, _: Model) -> str:
     """Whether it sets in so near to an end of every segment that it cannot be separated from a wrong sample."""
     from drivetool.check.starts import MIN_STEP_DISTANCE
 
-    times = [v for n, v in zip(model.task.free, model.point.values, strict=True) if n.endswith(STEP_TIMES)]
+    times = [v for n, v in zip(model.task.free, model.point.values, strict=True) if quantity_of(n) in STEP_TIMES]
     inside = all(any(t.origin + MIN_STEP_DISTANCE <= time <= t.origin + t.size * t.step - MIN_STEP_DISTANCE
                      for t in model.problem.traces)
                  for time in times)
@@ -57,7 +58,7 @@ def _without_insignificant_steps(model: Model, base: Model, masks: Masks, _: Cal
     from drivetool.check.fit import SIZE_SIGNIFICANCE, added_parameters, refit_without
 
     sizes = {p.name: abs(p.value / p.std) for p in added_parameters(model, base) if p.std
-             and p.name.endswith(STEP_TORQUES)}
+             and quantity_of(p.name) in STEP_TORQUES}
     largest = max(sizes, key=lambda n: sizes[n], default=None)
     small = [n.removesuffix("_torque") for n, size in sizes.items()
              if size < (SIZE_SIGNIFICANCE if n == largest else FURTHER_STEP_STDS)]
@@ -76,7 +77,7 @@ def _with_further_step(model: Model, masks: Masks, best_start: Callable) -> Mode
     from drivetool.check.fit import FIT_ERRORS, fit
     from drivetool.check.starts import load_steps
 
-    if sum(n.endswith(STEP_TORQUES) for n in model.task.free) == len(STEP_NAMES):
+    if sum(quantity_of(n) in STEP_TORQUES for n in model.task.free) == len(STEP_NAMES):
         return None
     try:
         starts = [with_steps(model, instants) for instants in load_steps(model) if len(instants) == 1]
@@ -93,9 +94,9 @@ def _in_order(model: Model) -> Model:
     from drivetool.identify.setup import problem_of
 
     task = model.fitted
-    times = {n: v for n, v in task.drive.values.items() if n.endswith(STEP_TIMES) and n in task.free}
+    times = {n: v for n, v in task.drive.values.items() if quantity_of(n) in STEP_TIMES and n in task.free}
     olds = [n.removesuffix("_time") for n in sorted(times, key=lambda n: times[n])]
-    news = {old: f"{old.partition('.')[0]}.{step}" for old, step in zip(olds, STEP_NAMES, strict=False)}
+    news = {old: name_of(owner_of(old), step) for old, step in zip(olds, STEP_NAMES, strict=False)}
     if all(old == new for old, new in news.items()):
         return model
 
@@ -114,7 +115,7 @@ CAUSES = (Cause(
     "load-step", "a load that set in or ended during the record",
     "A load torque set in or ended at one or several instants of the record.",
     "Find out what happened at that time, or leave that part out.", "load-step", starts=_starts,
-    sizes=tuple(name[1:] for pair in zip(STEP_TORQUES, STEP_TIMES, strict=True) for name in pair),
-    implausible=_near_record_end, place=".step_time", located=STEP_TIMES, searched=STEP_TIMES, event=True,
+    sizes=tuple(name for pair in zip(STEP_TORQUES, STEP_TIMES, strict=True) for name in pair),
+    implausible=_near_record_end, place="step_time", located=STEP_TIMES, searched=STEP_TIMES, event=True,
     refined=_without_insignificant_steps, another=_with_further_step,
     alike={"quadratic-drag": "Repeat the record at several speeds."}),)

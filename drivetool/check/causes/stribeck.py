@@ -19,6 +19,7 @@ from drivetool.check.starts import (
     start_with,
     torque_size,
 )
+from drivetool.quantity import name_of, owner_of, quantity_of, with_parts
 
 if TYPE_CHECKING:
     from drivetool.check.fit import Masks, Model
@@ -35,10 +36,10 @@ def _starts(end: str) -> Callable[[Model], list[Start]]:
         found = []
         for body, share in product(bodies_without(base, end, "stribeck"), STRIBECK_SPEED_STARTS):
             size = torque_size(base, body)
-            values = {f"{body}.stribeck": NEGLIGIBLE_FRICTION_SHARE * size,
-                      f"{body}.stribeck_speed": share * speed_and_duration(base, body)[0]}
-            if not is_present(base, f"{body}.coulomb"):
-                values[f"{body}.coulomb"] = NEGLIGIBLE_FRICTION_SHARE * size
+            values = {name_of(body, "stribeck"): NEGLIGIBLE_FRICTION_SHARE * size,
+                      name_of(body, "stribeck_speed"): share * speed_and_duration(base, body)[0]}
+            if not is_present(base, name_of(body, "coulomb")):
+                values[name_of(body, "coulomb")] = NEGLIGIBLE_FRICTION_SHARE * size
             found.append(start_with(base, values, [n for n in values if not n.endswith("speed")]))
         return found
     return starts
@@ -46,8 +47,8 @@ def _starts(end: str) -> Callable[[Model], list[Start]]:
 
 def _bounds(base: Model, task: Task) -> Bounds:
     """No Stribeck speed above the largest speed: the surplus would be constant friction."""
-    return {n: (0.0, speed_and_duration(base, n.rpartition(".")[0])[0]) for n in task.free
-            if n.endswith(".stribeck_speed")}
+    return {n: (0.0, speed_and_duration(base, owner_of(n))[0]) for n in task.free
+            if quantity_of(n) == "stribeck_speed"}
 
 
 def _with_power_fitted(model: Model, base: Model, masks: Masks, refitted: Callable) -> Model:
@@ -58,7 +59,8 @@ def _with_power_fitted(model: Model, base: Model, masks: Masks, refitted: Callab
     """
     from drivetool.check.fit import FIRST_FIT_ITERATIONS, FIT_ERRORS
 
-    names = [f"{n.removesuffix('.stribeck')}.stribeck_power" for n, _ in new_values(model, base, ".stribeck")]
+    names = [with_parts(n, quantity="stribeck_power")
+             for n, _ in new_values(model, base, "stribeck")]
     names = [n for n in names if n not in model.task.free]
     for name in names:
         power = model.task.drive.value(name)

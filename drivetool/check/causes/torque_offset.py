@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING
 from drivetool.check.causes.cause import Cause
 from drivetool.check.starts import Start, start_with
 from drivetool.drive.effects import idle_torque
+from drivetool.quantity import name_of, names_of
 
 if TYPE_CHECKING:
     from drivetool.check.fit import Model
@@ -15,8 +16,8 @@ if TYPE_CHECKING:
 
 def _starts(base: Model) -> list[Start]:
     drive = base.task.drive
-    name = "total.idle_torque" if len(drive.bodies) > 1 else f"{drive.bodies[0]}.idle_torque"
-    parts = [f"{b}.idle_torque" for b in drive.bodies]
+    name = "total.idle_torque" if len(drive.bodies) > 1 else name_of(drive.bodies[0], "idle_torque")
+    parts = names_of(drive.bodies, "idle_torque")
     if name in base.task.free or any(p in base.task.free for p in parts):
         return []
     return [start_with(base, {name: drive.values.get(name, drive.referred_to_motor("idle_torque"))}, (name,))]

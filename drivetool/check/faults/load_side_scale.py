@@ -18,6 +18,7 @@ from drivetool.drive import Drive
 from drivetool.identify.noise import filtered_normal_equations
 from drivetool.identify.setup import Task, roles_of
 from drivetool.logs import Experiment
+from drivetool.quantity import name_of
 
 MIN_SCALE_GAIN = 10.0  # log likelihood of another scale. A choice: e^10, clear of any error of the fits
 MAX_SCALE_CHANGE = 0.1  # relative. A choice: a larger change is no effect of a twisting shaft
@@ -31,7 +32,7 @@ def load_scale(records: Sequence[Experiment], drive: Drive, free: Sequence[str],
     initial_fit  start values of the drive's fit: with a wrong channel it may have diverged from them
     """
     blamed = [f for f in faults if f.gear is not None]
-    name = f"{drive.shafts[-1]}.ratio" if drive.shafts else ""
+    name = name_of(drive.shafts[-1], "ratio") if drive.shafts else ""
     if not blamed or name in free:
         return tuple(records), list(faults)
     unscaled = _likelier_fit(records, drive, free, initial_fit)

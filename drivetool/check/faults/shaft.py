@@ -18,6 +18,7 @@ from drivetool.identify.problem import schur
 from drivetool.identify.setup import Roles, Task, roles_of
 from drivetool.identify.starts import MAX_RELATIVE_STD, regressed_totals
 from drivetool.logs import Experiment
+from drivetool.quantity import name_of, names_of, quantity_of
 
 # Standard errors of the scale. A choice: one test per record, and a false alarm changes the record.
 SENSOR_SIGNIFICANCE = 4.0
@@ -179,8 +180,8 @@ def _parameter_deviations(model: Model) -> list[tuple[np.ndarray, float]]:
 
 def _sum_over_bodies(name: str, model: Model) -> float:
     """Sum of a parameter over all bodies."""
-    drive, suffix = model.fitted.drive, name.rpartition(".")[2]
-    like = [abs(drive.value(n) or 0.0) for n in model.task.free if n.rpartition(".")[2] == suffix]
+    drive, suffix = model.fitted.drive, quantity_of(name)
+    like = [abs(drive.value(n) or 0.0) for n in model.task.free if quantity_of(n) == suffix]
     return max(sum(like), 1e-6 * float(model.problem.size[model.task.free.index(name)]))
 
 
@@ -209,9 +210,9 @@ def _alternative_starts(task: Task) -> list[dict[str, float]]:
     drive = task.drive
     if len(drive.bodies) != 2:
         return []
-    motor, load = (f"{b}.inertia" for b in drive.bodies)
+    motor, load = names_of(drive.bodies, "inertia")
     whole, shaft, found = drive.value(motor) + drive.value(load), drive.shafts[0], []
-    slow = {motor: 0.5, load: 0.5, f"{shaft}.stiffness": 0.25 * (2.0 * np.pi * START_RESONANCES[0]) ** 2}
+    slow = {motor: 0.5, load: 0.5, name_of(shaft, "stiffness"): 0.25 * (2.0 * np.pi * START_RESONANCES[0]) ** 2}
     identified = regressed_totals(task.at(slow)) or {}
     sums = {n: identified[n][0] for n in ("inertia", "viscous", "idle_torque")
             if n in identified and identified[n][1] < MAX_RELATIVE_STD * identified[n][0]}
@@ -220,8 +221,8 @@ def _alternative_starts(task: Task) -> list[dict[str, float]]:
     for share in LOAD_INERTIA_SHARES:
         for rate in 2.0 * np.pi * np.array(START_RESONANCES):
             stiffness = rate**2 * share * (1.0 - share) * whole
-            found.append({motor: (1.0 - share) * whole, load: share * whole, f"{shaft}.stiffness": stiffness,
-                          f"{shaft}.damping": 0.06 * stiffness / rate, **friction})
+            found.append({motor: (1.0 - share) * whole, load: share * whole, name_of(shaft, "stiffness"): stiffness,
+                          name_of(shaft, "damping"): 0.06 * stiffness / rate, **friction})
     return found
 
 

@@ -12,6 +12,7 @@ from drivetool.identify.estimate import Parameter, parameters_of
 from drivetool.identify.laws import third_mass_names
 from drivetool.identify.noise import filtered_normal_equations
 from drivetool.identify.problem import Solution
+from drivetool.quantity import quantity_of, with_parts
 
 SIZE_SIGNIFICANCE = 2.5  # standard deviations of one amplitude from zero: 1.2 % by chance (normal distribution)
 
@@ -33,10 +34,10 @@ def refit_without(model: Model, names: Sequence[str], first: Drive, masks: Masks
     task = model.fitted
     if third_mass_names(first, third_mass_of(task.drive))[0] in names:
         task = without_third_mass(task, first)
-    orders = {n.replace(".bandwidth", ".order") for n in names if n.endswith(".bandwidth")}  # without its lag
+    orders = {with_parts(n, quantity="order") for n in names if quantity_of(n) == "bandwidth"}  # without its lag
     values = {n: v for n, v in task.drive.values.items() if n not in {*names, *orders}}
-    for n in [n for n in names if n.endswith(".stribeck")]:  # Coulomb friction becomes the sum
-        dry = n.replace(".stribeck", ".coulomb")
+    for n in [n for n in names if quantity_of(n) == "stribeck"]:  # Coulomb friction becomes the sum
+        dry = with_parts(n, quantity="coulomb")
         values |= {dry: values[dry] + task.drive.value(n)} if dry in values else {}
     drive = replace(task.drive, values=values)
     less = replace(task, drive=drive, free=tuple(n for n in drive.quantities if n in {*task.free} - {*names}))

@@ -11,6 +11,7 @@ from drivetool.drive import END_MASS, Drive
 from drivetool.identify.laws import third_mass_names, with_split_load
 from drivetool.identify.problem import Point, Problem
 from drivetool.identify.setup import Task
+from drivetool.quantity import name_of, owner_of, with_parts
 
 INTERMEDIATE_MASS = "middle"
 
@@ -43,8 +44,9 @@ def with_large_end_mass(base: Model, share: float, frequency_ratio: float, zeta:
     if task is None:
         return None
     first, last, shaft = old.bodies[0], old.bodies[-1], old.shafts[0]
-    jm, jl, ks, cs = (old.value(n) for n in (f"{first}.inertia", f"{last}.inertia", f"{shaft}.stiffness",
-                                             f"{shaft}.damping"))
+    jm, jl, ks, cs = (old.value(n)
+                      for n in (name_of(first, "inertia"), name_of(last, "inertia"), name_of(shaft, "stiffness"),
+                                name_of(shaft, "damping")))
     gear = old.gear_ratios()[-1] ** 2
     held, free = ks / jl, ks * (1.0 / jl + 1.0 / (gear * jm))  # squares of the frequencies
     own = frequency_ratio**2 * free
@@ -55,8 +57,10 @@ def with_large_end_mass(base: Model, share: float, frequency_ratio: float, zeta:
     load = (gear * jm + jl) / (1.0 + held * at_held * at_free / remaining)
     stiffer = held * load * at_held / ks
     inertia, stiffness, damping = third_mass_names(old)
-    values = {f"{first}.inertia": (gear * jm + jl - load) / gear, f"{last}.inertia": (1.0 - share) * load,
-              f"{shaft}.stiffness": stiffer * ks, f"{shaft}.damping": stiffer * cs, inertia: share * load,
+    values = {name_of(first, "inertia"): (gear * jm + jl - load) / gear,
+              name_of(last, "inertia"): (1.0 - share) * load,
+              name_of(shaft, "stiffness"): stiffer * ks, name_of(shaft, "damping"): stiffer * cs,
+              inertia: share * load,
               stiffness: own * share * (1.0 - share) * load, damping: 2.0 * zeta * np.sqrt(own) * share * load}
     return task.at({n: v for n, v in values.items() if n in task.free})
 
@@ -72,18 +76,19 @@ def with_intermediate_mass(base: Model, share: float, twist_share: float) -> Tas
     task = base.fitted
     drive, shaft = task.drive, task.drive.shafts[0]
     first, last = drive.bodies
-    jm, jl, ks, cs = (drive.value(n) for n in (f"{first}.inertia", f"{last}.inertia", f"{shaft}.stiffness",
-                                               f"{shaft}.damping"))
+    jm, jl, ks, cs = (drive.value(n)
+                      for n in (name_of(first, "inertia"), name_of(last, "inertia"), name_of(shaft, "stiffness"),
+                                name_of(shaft, "damping")))
     masses = np.array([jm * drive.gear_ratios()[-1] ** 2, share * jl, (1.0 - share) * jl])
     shafts = np.array([ks / twist_share, ks / (1.0 - twist_share)])
     incidence = np.array([[1.0, -1.0, 0.0], [0.0, 1.0, -1.0]]) / np.sqrt(masses)
     lowest = np.linalg.eigvalsh(incidence.T @ (shafts[:, None] * incidence))[1]
     scale = ks * (1.0 / masses[0] + 1.0 / jl) / lowest
     inertia, stiffness, damping = third_mass_names(drive, INTERMEDIATE_MASS)
-    values = {**drive.values, f"{last}.inertia": masses[2], inertia: masses[1],
-              f"{shaft}.stiffness": scale * shafts[0], stiffness: scale * shafts[1],
-              f"{shaft}.damping": cs / twist_share, damping: cs / (1.0 - twist_share)}
-    longer = Drive("three-mass with a middle", (first, INTERMEDIATE_MASS, last), (shaft, stiffness.split(".")[0]),
+    values = {**drive.values, name_of(last, "inertia"): masses[2], inertia: masses[1],
+              name_of(shaft, "stiffness"): scale * shafts[0], stiffness: scale * shafts[1],
+              name_of(shaft, "damping"): cs / twist_share, damping: cs / (1.0 - twist_share)}
+    longer = Drive("three-mass with a middle", (first, INTERMEDIATE_MASS, last), (shaft, owner_of(stiffness)),
                    values,
                    drive.torque_unit, drive.motion_unit, drive.damping_law, records=drive.records,
                    input_unit=drive.input_unit, constants=drive.constants)
@@ -95,8 +100,8 @@ def without_intermediate_mass(task: Task, before: Drive) -> Task:
     """The task with its intermediate mass merged into the last body, and the two shafts in series into one."""
     inertia, stiffness, damping = third_mass_names(before, INTERMEDIATE_MASS)
     shaft, last, values = before.shafts[0], before.bodies[-1], dict(task.drive.values)
-    values[f"{last}.inertia"] += values.pop(inertia)
-    for own, further in ((f"{shaft}.stiffness", stiffness), (f"{shaft}.damping", damping)):
+    values[name_of(last, "inertia")] += values.pop(inertia)
+    for own, further in ((name_of(shaft, "stiffness"), stiffness), (name_of(shaft, "damping"), damping)):
         one, other = values[own], values.pop(further)
         values[own] = one * other / (one + other) if one + other > 0.0 else 0.0
     drive = replace(before, values=values)
@@ -117,10 +122,10 @@ def without_end_mass(task: Task, before: Drive) -> Task:
     names, last = third_mass_names(before), before.bodies[-1]
     values: dict[str, float] = {}
     for name, value in task.drive.values.items():
-        own = name.replace(f"{END_MASS}.", f"{last}.")
-        summed = own != name or f"{END_MASS}.{own.removeprefix(f'{last}.')}" in task.drive.values
+        own = with_parts(name, owner=last) if owner_of(name) == END_MASS else name
+        summed = own != name or with_parts(own, owner=END_MASS) in task.drive.values
         values |= {own: values.get(own, 0.0) + value if summed else value} if name not in names[1:] else {}
-    free = {n.replace(f"{END_MASS}.", f"{last}.") for n in task.free if n not in names}
+    free = {with_parts(n, owner=last) if owner_of(n) == END_MASS else n for n in task.free if n not in names}
     drive = replace(before, values=values)
     return replace(task, drive=drive, free=tuple(n for n in drive.quantities if n in free))
 
@@ -148,6 +153,6 @@ def transferred_point(base: Model, task: Task, problem: Problem) -> Point:
 
 def _split_twist(x: np.ndarray, states: list[str], drive: Drive) -> None:
     """Split the twist of one shaft between the two that replace it."""
-    one, other = (drive.value(f"{s}.stiffness") for s in drive.shafts)
+    one, other = (drive.value(name_of(s, "stiffness")) for s in drive.shafts)
     at = [states.index(f"{s}.twist") for s in drive.shafts]
     x[at] = x[at[0]] * np.array([other, one]) / (one + other)

@@ -17,7 +17,7 @@ from .free_run_error import (
 from .parametric_bootstrap import error_by_noise as error_by_noise
 from .samples import Split as Split, split_of as split_of
 from .scores import (
-    EVENT_TIME_SUFFIXES as EVENT_TIME_SUFFIXES,
+    EVENT_TIMES as EVENT_TIMES,
     SCANNED_VALUES as SCANNED_VALUES,
     Fold as Fold,
     Score as Score,

@@ -28,9 +28,10 @@ from drivetool.check.heldout.samples import Samples, Split
 from drivetool.identify.noise import filtered
 from drivetool.identify.problem import Point
 from drivetool.identify.setup import first_states, problem_of
+from drivetool.quantity import quantity_of
 
-EVENT_TIME_SUFFIXES = tuple(suffix for cause in FITTED for suffix in cause.located)
-SEARCHED_SUFFIXES = tuple(suffix for cause in FITTED for suffix in cause.searched)
+EVENT_TIMES = tuple(suffix for cause in FITTED for suffix in cause.located)
+SEARCHED_QUANTITIES = tuple(suffix for cause in FITTED for suffix in cause.searched)
 SCANNED_VALUES = 1000  # instants, or orders of a ripple, that a record can distinguish, about: the price of a scan
 # Of the gain of the causes before, that their inexact laws may still leave. A choice: laws are exact to a few
 # per cent.
@@ -156,7 +157,7 @@ def with_event_time_held(model: Model) -> Model:
     An event happens once, and so does a warm-up: training samples far from it do not identify its time, or
     its duration, so these are found in the whole record.
     """
-    names = [n for n in model.task.free if n.endswith(EVENT_TIME_SUFFIXES)]
+    names = [n for n in model.task.free if quantity_of(n) in EVENT_TIMES]
     if not names:
         return model
     task = replace(model.fitted, free=tuple(n for n in model.task.free if n not in names))
@@ -173,7 +174,7 @@ def log_scanned_values(model: Model, base: Model) -> float:
     samples helped to select: the price corrects this.
     """
     new = [n for n in model.task.free if n not in base.task.free]
-    return float(np.log(SCANNED_VALUES)) * sum(n.endswith(SEARCHED_SUFFIXES) for n in new)
+    return float(np.log(SCANNED_VALUES)) * sum(quantity_of(n) in SEARCHED_QUANTITIES for n in new)
 
 
 def score(model: Model, base: Model, folds: Sequence[Fold], split: Split) -> Score:
@@ -264,7 +265,7 @@ def training_evidence(one: Score, gained: float = 0.0) -> float:
 def gain_in_one_block(one: Score, base: Model) -> bool:
     """Whether one block has nearly all of a cause's gain, though the cause is no single event."""
     new = [n for n in one.model.task.free if n not in base.task.free]
-    return not any(n.endswith(EVENT_TIME_SUFFIXES)
+    return not any(quantity_of(n) in EVENT_TIMES
                    for n in new) and float(one.gains.max()) > MAX_ONE_BLOCK_SHARE * one.gain
 
 

@@ -15,6 +15,7 @@ from drivetool.check.heldout import Split, blocks_of
 from drivetool.drive import Drive
 from drivetool.identify.inverse import InverseRegression, missing_laws_of, sample_count, solve_inverse, with_laws
 from drivetool.identify.motion import NOISE_SHARE, near_reversal
+from drivetool.quantity import name_of
 
 OUTSIDE_BLOCKS = 0  # block number of a sample outside all blocks: none of these is in a mask
 # A choice: correlations up to an eighth of the samples, because longer lags have too few products.
@@ -196,7 +197,7 @@ def _torque_errors(fit: InverseRegression, records: Records, training: Masks, te
         squares += np.bincount(blocks[test], left[test] ** 2, records.count)
         counts += np.bincount(blocks[test], minlength=records.count)
         acceleration_squares += float(np.sum(fit.seen.each[i].acceleration[::fit.kept][test] ** 2))
-    inertia = fit.drive.values[f"{fit.drive.bodies[0]}.inertia"]
+    inertia = fit.drive.values[name_of(fit.drive.bodies[0], "inertia")]
     # Instruments do not remove the bias behind shafts: gaps and friction pass noise nonlinearly.
     unbiased = fit.predicted is not None and not fit.drive.shafts
     noise_gain = 0.0 if unbiased else inertia**2 * NOISE_SHARE * acceleration_squares / max(counts.sum(), 1)

@@ -16,7 +16,7 @@ import numpy as np
 from drivetool.check.causes import CAUSES, Cause
 from drivetool.check.fit import FIT_ERRORS, MIN_TESTABLE_GAIN, Model
 from drivetool.check.heldout import (
-    EVENT_TIME_SUFFIXES,
+    EVENT_TIMES,
     Score,
     Split,
     blocks_of,
@@ -46,7 +46,7 @@ from drivetool.check.outcome import (
 from drivetool.check.search import Decision, SelectedCauses, decide, law_of, why_absent
 from drivetool.check.starts import Start
 from drivetool.check.verdict import apply_rules, candidate_plots, experiment_of, sentence_of, sizes_of
-from drivetool.drive import RECORD_MARK, TOTALS, Drive
+from drivetool.drive import TOTALS, Drive
 from drivetool.errors import BadOption, BadParameters, Finding, NotEnoughData
 from drivetool.identify.estimate import Estimate, Parameter
 from drivetool.identify.fit import with_friction_parts
@@ -63,6 +63,7 @@ from drivetool.identify.motion import CONSTANT_TORQUE_TOLERANCE, reference_of
 from drivetool.identify.noise import Noise
 from drivetool.identify.setup import Options, Roles, Task, first_point, roles_of
 from drivetool.logs import Experiment
+from drivetool.quantity import quantity_of, record_of
 
 # Log likelihood gained before, which makes any lead on the training samples count for nothing: the torque residual
 # is other laws, not noise, and only held-out data are evidence.
@@ -126,7 +127,7 @@ def diagnose_by_inverse(experiments: Sequence[Experiment], drive: Drive, free: S
         raise BadOption("recordings of one sampling rate for --criterion inverse", "several",
                         "Bring them to one with --condition 'decimate factor=N'.")
     # A parameter that the base has for a held-out record is fitted to that record, like the requested ones.
-    hashes = {n: drive.records.get(n.partition(RECORD_MARK)[2]) for n in free if RECORD_MARK in n}
+    hashes = {n: drive.records.get(record_of(n)) for n in free if record_of(n)}
     trained, tested = ({e.sha256 for e in records} for records in (experiments, holdout))
     own = tuple(dict.fromkeys((*own, *(n for n, sha in hashes.items() if sha in tested - trained))))
     free = tuple(n for n in free if n not in own and (n not in hashes or hashes[n] in trained))
@@ -255,7 +256,7 @@ def _cross_validate(model: Model, node: Node, records: Records) -> CrossValidate
 
     The time of a single event is held at its estimate from the whole record.
     """
-    event_times = {n for n in model.task.free if n.endswith(EVENT_TIME_SUFFIXES) and n not in node.model.task.free}
+    event_times = {n for n in model.task.free if quantity_of(n) in EVENT_TIMES and n not in node.model.task.free}
     free = tuple(n for n in model.task.free if n not in event_times)
     with suppress(*FIT_ERRORS):
         fit = cross_validated_fit(records, model.task.drive, free)

@@ -7,6 +7,7 @@ from drivetool.check.fit import Model
 from drivetool.check.outcome import State
 from drivetool.check.starts import is_present
 from drivetool.drive.effects import EFFECTS, Effect
+from drivetool.quantity import owner_of, quantity_of
 
 
 def why_absent(cause: Cause, base: Model) -> tuple[State, str]:
@@ -15,8 +16,8 @@ def why_absent(cause: Cause, base: Model) -> tuple[State, str]:
         return cause.absent(base)
     effect, drive = _effect(cause), base.task.drive
     owners = {"motor": drive.bodies[:1], "load": drive.bodies[1:]}.get(cause.end)
-    names = [n for n in drive.quantities if effect is not None and n.rpartition(".")[2] in effect.present
-             and (owners is None or n.rpartition(".")[0] in owners)]
+    names = [n for n in drive.quantities if effect is not None and quantity_of(n) in effect.present
+             and (owners is None or owner_of(n) in owners)]
     if any(is_present(base, n) for n in names):
         return "in-the-model", "it is part of the model already"
     return "not-shown", needed(cause)

@@ -34,6 +34,7 @@ from drivetool.check.search.prepared_start import (
 )
 from drivetool.identify.laws import third_mass_names
 from drivetool.identify.setup import Task, problem_of
+from drivetool.quantity import quantity_of, with_parts
 
 # A choice: one start may end in a worse optimum, each further one costs a full fit.
 MAX_STARTS_PER_KIND = 2
@@ -195,7 +196,8 @@ def as_special_case(simple: CandidateFit, general: CandidateFit, base: Model, ma
         return simple
     own, values = simple.model, general.model.fitted.drive.values
     # The static surplus of a Stribeck friction counts as Coulomb friction.
-    new = {n: values.get(n, 0.0) + values.get(n.replace(".coulomb", ".stribeck"), 0.0) if n.endswith(".coulomb")
+    new = {n: values.get(n, 0.0) + values.get(with_parts(n, quantity="stribeck"), 0.0)
+           if quantity_of(n) == "coulomb"
            else values[n] for n in own.task.free if n in values}
     task = own.task.at(new)
     try:

@@ -16,6 +16,7 @@ from drivetool.check.search.detection_limit import DETECTION_STDS, detection_lim
 from drivetool.check.starts import MIN_LAG_SAMPLES
 from drivetool.drive.effects import STEP_RECORDS
 from drivetool.identify.estimate import Parameter
+from drivetool.quantity import quantity_of
 
 
 def candidate_results(candidates: Sequence[CandidateFit], scores: Sequence[Score], decision: Decision, base: Model,
@@ -58,14 +59,14 @@ def fitted_parameters(model: Model, base: Model) -> tuple[Parameter, ...]:
 
 def _event_records(model: Model) -> str:
     """Which records contain a single event, if there are others."""
-    numbers = {v for n, v in model.task.drive.values.items() if n.endswith(STEP_RECORDS) and v > 0.0}
+    numbers = {v for n, v in model.task.drive.values.items() if quantity_of(n) in STEP_RECORDS and v > 0.0}
     names = dict.fromkeys(t.name for t in model.problem.traces if t.record in numbers)
     return f"The event is in {', '.join(names)} only." if names else ""
 
 
 def _detectable_sizes(resolved: Mapping[str, float], shortest: float) -> dict[str, float]:
     """Smallest detectable sizes; of a bandwidth the largest, whose lag is at least the shortest."""
-    return {n: 1.0 / max(DETECTION_STDS * v, shortest) if n.endswith(".bandwidth") else DETECTION_STDS * v
+    return {n: 1.0 / max(DETECTION_STDS * v, shortest) if quantity_of(n) == "bandwidth" else DETECTION_STDS * v
             for n, v in resolved.items() if np.isfinite(v) and v > 0.0}
 
 

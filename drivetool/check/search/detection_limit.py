@@ -13,6 +13,7 @@ from drivetool.check.starts import largest_torque
 from drivetool.identify.noise import filtered_normal_equations
 from drivetool.identify.problem import Normal, Point
 from drivetool.identify.setup import problem_of
+from drivetool.quantity import owner_of, quantity_of
 
 # Standard deviations at the base that an amplitude needs to be detected: half their square, 18, is the lead in log
 # likelihood at which the evidence after the price of the search (`neg_log_p_corrected`) reaches a hundred.
@@ -32,7 +33,7 @@ def detection_limits(base: Model, cause: Cause, per_start: Sequence[Mapping[str,
     found = {n: float(np.quantile(s, 0.5, method="lower")) for n, s in stds.items()} or _trace_stds(cause, base)
     drive = base.task.drive
     return {n: np.inf if drive.unit(n) == drive.torque_unit and DETECTION_STDS * std > largest_torque(
-        base, n.rpartition(".")[0]) else std for n, std in found.items()}
+        base, owner_of(n)) else std for n, std in found.items()}
 
 
 def detection_limits_with_cause(cause: Cause, before: Mapping[str, float], model: Model,
@@ -62,7 +63,7 @@ def _amplitude_stds(cause: Cause, before: Mapping[str, float], model: Model, bas
                     normal: Normal) -> dict[str, float]:
     """By the equations at the fitted model, the cause's other amplitudes zero."""
     free, sizes = model.task.free, cause.sizes
-    own = np.array([n in before and n.rpartition(".")[2] in sizes for n in free])
+    own = np.array([n in before and quantity_of(n) in sizes for n in free])
     rest = np.array([n in before or n in base.task.free for n in free]) & ~own
     return dict(zip(free, amplitude_std(model.problem, normal, own, rest).tolist(), strict=True))
 
@@ -94,4 +95,5 @@ def _trace_stds(cause: Cause, base: Model, variance: float | None = None) -> dic
     except FIT_ERRORS:
         return {}
     new = {n: j for j, n in enumerate(task.free) if n not in base.task.free}
-    return {n: float(std[j] / point.values[j] ** 2 if n.endswith(".bandwidth") else std[j]) for n, j in new.items()}
+    return {n: float(std[j] / point.values[j] ** 2 if quantity_of(n) == "bandwidth" else std[j])
+            for n, j in new.items()}

@@ -22,6 +22,7 @@ from drivetool.check.search.decision import TIE_GAIN_SHARE
 from drivetool.check.search.heldout_test import free_runs_worse_beyond_scatter
 from drivetool.check.search.result import Base, SelectedCauses, gain_between
 from drivetool.check.search.search import Expansion, ForwardSelection, Node
+from drivetool.quantity import quantity_of
 
 REASSESSED_REASON = "fitted again together with the causes found after it"
 MIN_LOOKALIKE_GAIN_SHARE = TIE_GAIN_SHARE  # of a cause's gain: a look-alike is a rival on the same terms as a tie
@@ -68,7 +69,8 @@ def _same_place(code: str, tied: Model | None, found: Model) -> bool:
     place = CAUSES[code].place
     if not place or tied is None:
         return True
-    before, now = ([m.fitted.drive.values[n] for n in m.task.free if n.endswith(place)] for m in (tied, found))
+    before, now = ([m.fitted.drive.values[n] for n in m.task.free if quantity_of(n) == place]
+                   for m in (tied, found))
     return any(abs(one - other) <= SAME_PLACE_TOLERANCE * abs(one) for one in before for other in now)
 
 

@@ -21,6 +21,7 @@ from drivetool.drive import GEAR_RATIO_EXPONENTS
 from drivetool.identify.noise import minimise_by_parabolas
 from drivetool.identify.problem import Point
 from drivetool.logs import Experiment
+from drivetool.quantity import name_of, parse_name
 
 ROLE = "shaft_torque"
 FIRST_SCALE_STEP = 0.01  # relative. A choice: scale errors of a few per cent are expected
@@ -114,13 +115,14 @@ def _rescaled_start(model: Model, factor: float) -> Point:
     drive, own = model.fitted.drive, dict(zip(model.task.free, model.point.values.tolist(), strict=True))
     motor, gear_ratios = drive.bodies[0], dict(zip(drive.bodies, drive.gear_ratios(), strict=True))
     for name, value in list(own.items()):
-        owner, _, suffix = name.rpartition(".")
+        owner, suffix, _ = parse_name(name)
         if owner in drive.shafts and suffix in ("stiffness", "damping"):
             own[name] = value / factor
         elif owner in drive.bodies[1:] and suffix in GEAR_RATIO_POWERS:
             own[name] = value / factor
-            if f"{motor}.{suffix}" in own:
-                own[f"{motor}.{suffix}"] += (value - own[name]) * gear_ratios[owner] ** -GEAR_RATIO_POWERS[suffix]
+            at_motor = name_of(motor, suffix)
+            if at_motor in own:
+                own[at_motor] += (value - own[name]) * gear_ratios[owner] ** -GEAR_RATIO_POWERS[suffix]
     values = np.clip(np.array(list(own.values())), model.problem.low, model.problem.high)
     return replace(model.point, values=values)
 

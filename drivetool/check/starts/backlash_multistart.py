@@ -33,6 +33,7 @@ from drivetool.identify.noise import fit_innovations, refit_with_tight_tolerance
 from drivetool.identify.problem import Point
 from drivetool.identify.setup import Outcome, Task, problem_of
 from drivetool.identify.starts import MAX_AGREEING_LOSS, log_likelihood_distance
+from drivetool.quantity import name_of
 
 # Load over motor inertia, estimated without the gap, below which the load is light: then each impact decides
 # the next (docs/explanation/limits.md).
@@ -58,11 +59,11 @@ MAX_OPTIMUM_SEARCHES = 6  # a choice: bounds the time of the search
 def backlash_fits(base: Model, masks: Masks) -> list[Model]:
     """Fits of a gap from many starts, the likeliest first; none where a gap is present or a few starts suffice."""
     drive = base.fitted.drive
-    if len(drive.bodies) != 2 or is_present(base, f"{drive.shafts[0]}.half_gap"):
+    if len(drive.bodies) != 2 or is_present(base, name_of(drive.shafts[0], "half_gap")):
         return []
     shaft = drive.shafts[0]
-    twist = torque_size(base, shaft) / drive.value(f"{shaft}.stiffness")
-    tasks = [start_with(base, {f"{shaft}.half_gap": share * twist}, ()).task for share in HALF_GAP_TO_TWIST]
+    twist = torque_size(base, shaft) / drive.value(name_of(shaft, "stiffness"))
+    tasks = [start_with(base, {name_of(shaft, "half_gap"): share * twist}, ()).task for share in HALF_GAP_TO_TWIST]
     reestimated = _base_with_gap_noise(base, [tasks[i] for i in NOISE_TRIAL_INDICES], masks)
     if load_inertia_ratio(drive) > MAX_LIGHT_LOAD_RATIO and reestimated is None:
         return []
@@ -105,7 +106,7 @@ def with_neighbouring_fits(outcome: Outcome) -> Outcome:
     """
     drive = outcome.task.drive
     if outcome.fit is None or len(drive.bodies) != 2 or load_inertia_ratio(drive) > MAX_LIGHT_LOAD_RATIO or (
-            f"{drive.shafts[0]}.half_gap" not in outcome.task.free):
+            name_of(drive.shafts[0], "half_gap") not in outcome.task.free):
         return outcome
     problem, end, masks = outcome.problem, outcome.fit, all_samples(outcome.problem)
     value = masked_loss(problem, end.point, end.noise, masks)
@@ -131,10 +132,11 @@ def _scaled_start(model: Model, task: Task, scale: float, gap_scale: float) -> M
     """The start of a fit: load and shaft scaled by one factor, total inertia referred to the motor unchanged."""
     drive = task.drive
     first, last, shaft = drive.bodies[0], drive.bodies[-1], drive.shafts[0]
-    values = {n: scale * drive.value(n) for n in (f"{last}.inertia", f"{shaft}.stiffness", f"{shaft}.damping")}
-    moved = (scale - 1.0) * drive.value(f"{last}.inertia") / drive.gear_ratios()[-1] ** 2
-    values |= {f"{first}.inertia": drive.value(f"{first}.inertia") - moved,
-               f"{shaft}.half_gap": gap_scale * drive.value(f"{shaft}.half_gap")}
+    values = {n: scale * drive.value(n)
+              for n in (name_of(last, "inertia"), name_of(shaft, "stiffness"), name_of(shaft, "damping"))}
+    moved = (scale - 1.0) * drive.value(name_of(last, "inertia")) / drive.gear_ratios()[-1] ** 2
+    values |= {name_of(first, "inertia"): drive.value(name_of(first, "inertia")) - moved,
+               name_of(shaft, "half_gap"): gap_scale * drive.value(name_of(shaft, "half_gap"))}
     task = task.at({n: v for n, v in values.items() if n in task.free})
     problem = problem_of(task.drive, task.free, task.roles, model.problem.traces)
     point = Point(transferred_point(model, task, problem).values, model.point.starts)

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from drivetool.check.starts.start import Bounds, Start
+from drivetool.quantity import name_of, names_of, quantity_of
 
 if TYPE_CHECKING:
     from drivetool.check.fit import Model
@@ -94,12 +95,12 @@ def outer_bodies(base: Model) -> tuple[str, ...]:
 def bodies_without(base: Model, end: str, suffix: str) -> list[str]:
     """Of the motor, or of the bodies behind it (`end`: motor, load), those on which a friction does not act yet."""
     bodies = base.task.drive.bodies
-    return [b for b in (bodies[:1] if end == "motor" else bodies[1:]) if not is_present(base, f"{b}.{suffix}")]
+    return [b for b in (bodies[:1] if end == "motor" else bodies[1:]) if not is_present(base, name_of(b, suffix))]
 
 
 def starts_on_any_body(base: Model, suffix: str) -> list[Start]:
     """One amplitude, on any body; none where a body has it."""
-    names = [f"{body}.{suffix}" for body in base.task.drive.bodies]
+    names = names_of(base.task.drive.bodies, suffix)
     if any(is_present(base, n) for n in names):
         return []
     return [start_with(base, {n: 0.0}, (n,)) for n in names]
@@ -120,33 +121,33 @@ def likeliest_start(base: Model, starts: Sequence[Start]) -> list[Start]:
     return [min(starts, key=loss)]
 
 
-def new_values(model: Model, base: Model, suffixes: str | tuple[str, ...]) -> Iterable[tuple[str, float]]:
-    """(name, value) of the free parameters of a model that its base lacks and that end so."""
+def new_values(model: Model, base: Model, *quantities: str) -> Iterable[tuple[str, float]]:
+    """(name, value) of the free parameters of a model that its base lacks, of these quantities."""
     return ((n, v) for n, v in zip(model.task.free, model.point.values, strict=True)
-            if n.endswith(suffixes) and n not in base.task.free)
+            if quantity_of(n) in quantities and n not in base.task.free)
 
 
 def lag_starts(owner: str, order: float, base: Model) -> list[Start]:
     """A lag of some order, of the likeliest time: the best time depends on the order."""
-    name, step = f"{owner}.bandwidth", base.problem.traces[0].step
-    return likeliest_start(base, [start_with(base, {name: 1.0 / (n * step), f"{owner}.order": order}, (),
-                                  fixed=(f"{owner}.order",)) for n in DELAY_STARTS_IN_SAMPLES])
+    name, step = name_of(owner, "bandwidth"), base.problem.traces[0].step
+    return likeliest_start(base, [start_with(base, {name: 1.0 / (n * step), name_of(owner, "order"): order}, (),
+                                  fixed=(name_of(owner, "order"),)) for n in DELAY_STARTS_IN_SAMPLES])
 
 
 def shortest_delay(base: Model, name: str) -> Start:
     """A delay, or the lag of a bandwidth, of the shortest tested length."""
     time = DELAY_STARTS_IN_SAMPLES[0] * base.problem.traces[0].step
-    return start_with(base, {name: 1.0 / time if name.endswith("bandwidth") else time}, ())
+    return start_with(base, {name: 1.0 / time if quantity_of(name) == "bandwidth" else time}, ())
 
 
 def lag_bounds(base: Model, task: Task) -> Bounds:
     """No lag shorter than is detectable: contacts within a sample would cost ever more steps."""
     most = 1.0 / (MIN_LAG_SAMPLES * base.problem.traces[0].step)
-    return {n: (0.0, most) for n in task.free if n.endswith(".bandwidth")}
+    return {n: (0.0, most) for n in task.free if quantity_of(n) == "bandwidth"}
 
 
 def too_short_to_detect(model: Model, base: Model) -> str:
     """Whether a lag is at its lower bound: then the gain comes from the other parameters."""
     high = dict(zip(model.task.free, model.problem.high, strict=True))
-    short = any(v > 0.99 * high[n] for n, v in new_values(model, base, ".bandwidth"))
+    short = any(v > 0.99 * high[n] for n, v in new_values(model, base, "bandwidth"))
     return "its time constant would be too short to be identifiable" if short else ""

@@ -9,6 +9,7 @@ from drivetool.identify.backlash import MAX_GAP_STARTS, local_minima
 from drivetool.identify.noise import filtered, minus_log_likelihood
 from drivetool.identify.problem import Point
 from drivetool.identify.setup import problem_of
+from drivetool.quantity import with_parts
 
 # Half gaps over the twist by the torque, in steps of 19 %: a stiff shaft twists little, so gaps may be many
 # times that.
@@ -18,7 +19,7 @@ HALF_GAP_TO_TWIST_GRID = np.geomspace(0.003, 300.0, 67)
 def half_gaps(base: Model, name: str, torque: float) -> list[float]:
     """Half gaps at local optima of the likelihood, all else fixed: one Kalman pass each."""
     task = base.fitted
-    twist = torque / task.drive.value(name.split(".")[0] + ".stiffness")
+    twist = torque / task.drive.value(with_parts(name, quantity="stiffness"))
 
     def loss(value: float) -> float:
         problem = problem_of(task.at({name: value}).drive, (), task.roles, base.problem.traces)

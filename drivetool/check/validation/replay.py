@@ -28,6 +28,7 @@ from drivetool.identify.setup import (
     traces_of,
 )
 from drivetool.logs import Experiment
+from drivetool.quantity import owner_of, quantity_of
 
 # Gauss-Newton steps of the parameters, each with the noise re-estimated. A choice: the second one refines.
 MAX_REGION_STEPS = 2
@@ -160,7 +161,7 @@ def _joined_free_runs(model: Problem, roles: Roles, starts: Sequence[np.ndarray]
 def resonances(drive: Drive, step: float) -> list[float]:
     """Resonances [Hz] of the drive with its backlash closed, up to half the sampling rate."""
     neutral = {n: drive.quantity(n).neutral for n in drive.values
-            if n.startswith("converter") or n.endswith(("half_gap", "coulomb"))}
+            if owner_of(n) == "converter" or quantity_of(n) in ("half_gap", "coulomb", "drift_coulomb")}
     closed = replace(drive, values={**drive.values, **neutral})
     s = Assembly(closed, Layout((), ("motor_torque",), (), step, gradient=False)).system()
     poles = np.linalg.eigvals(s.rows[:, :s.nx, 0] / s.mass[:, :1])

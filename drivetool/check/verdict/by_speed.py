@@ -10,6 +10,7 @@ from scipy.ndimage import uniform_filter1d
 from drivetool.check.fit import Model
 from drivetool.check.starts import speeds
 from drivetool.drive.effects import STEP_TIMES, STEP_TORQUES, values_in_record
+from drivetool.quantity import name_of
 
 # S over which a speed is averaged: shorter than a reversal, longer than the noise's correlation.
 SPEED_AVERAGING_TIME = 0.04
@@ -25,9 +26,9 @@ def share_by_speed(model: Model) -> float:
     for trace, speed in zip(model.problem.traces, speeds(model), strict=True):
         values = values_in_record(model.fitted.drive.values, trace.record)
         time = trace.origin + trace.step * np.arange(trace.size)
-        changes = [(values[f"{body}{torque}"], values[f"{body}{at}"]) for body, (torque, at) in product(
+        changes = [(values[name_of(body, torque)], values[name_of(body, at)]) for body, (torque, at) in product(
             model.task.drive.bodies, zip(STEP_TORQUES, STEP_TIMES, strict=True))
-                   if f"{body}{torque}" in model.task.free]
+                   if name_of(body, torque) in model.task.free]
         loads.append(sum(torque * (time >= at) for torque, at in changes) + np.zeros(trace.size))
         rates.append(uniform_filter1d(speed, max(1, round(SPEED_AVERAGING_TIME / trace.step))))
     load, rate = np.concatenate(loads), np.concatenate(rates)

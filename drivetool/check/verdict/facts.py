@@ -14,6 +14,7 @@ from drivetool.check.starts import torque_size
 from drivetool.check.verdict.by_speed import share_by_speed
 from drivetool.drive.effects import STEP_TORQUES
 from drivetool.identify.estimate import Estimate
+from drivetool.quantity import quantity_of
 
 if TYPE_CHECKING:
     from drivetool.check.search import SearchResult
@@ -51,7 +52,7 @@ def facts_of(search: SearchResult, estimate: Estimate) -> Facts:
     """The facts of a search and of the last fit with the causes found."""
     found, gain = search.found, search.judged_gain()
     share = estimate.noise.get("torque_std", 0.0) / torque_size(search.first.model)
-    changes = sum(n.endswith(STEP_TORQUES) for n in search.model.task.free) if "load-step" in found.causes else 0
+    changes = sum(quantity_of(n) in STEP_TORQUES for n in search.model.task.free if "load-step" in found.causes)
     return Facts(
         tuple(dict.fromkeys(f.code for f in search.faults)),
         tuple(dict.fromkeys(f.code for f in search.faults if all(

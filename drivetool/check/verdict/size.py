@@ -11,6 +11,7 @@ from drivetool.check.causes import CAUSES
 from drivetool.check.fit import Model
 from drivetool.check.starts import largest_torque
 from drivetool.identify.estimate import Z95, Estimate, Parameter
+from drivetool.quantity import owner_of, quantity_of
 
 if TYPE_CHECKING:
     from drivetool.check.search import SelectedCauses
@@ -27,7 +28,7 @@ def sizes_of(found: SelectedCauses, estimate: Estimate, base: Model) -> dict[str
     sizes = {}
     for code in found.causes:
         names, cause = set(found.added.get(code, ())), CAUSES[code]
-        mine = [p for p in estimate.parameters if p.name in names and p.name.endswith(f".{cause.sizes[0]}")]
+        mine = [p for p in estimate.parameters if p.name in names and quantity_of(p.name) == cause.sizes[0]]
         words = [_size_text(_as_amplitude(p, estimate), base) for p in mine]
         if words:
             sizes[code] = " and ".join(words)
@@ -62,7 +63,7 @@ def _std_along(estimate: Estimate, names: Sequence[str], direction: np.ndarray) 
 def _size_text(p: Parameter, base: Model) -> str:
     """Name, value, unit, interval; of a torque its share, of a bandwidth its time constant."""
     name, value, ends, unit = p.name, p.value, p.ci95, p.unit
-    if name.endswith(".bandwidth") and value > 0.0:
+    if quantity_of(name) == "bandwidth" and value > 0.0:
         name, value, unit = f"the time constant of {name}", 1.0 / value, "s"
         ends = (1.0 / ends[1], 1.0 / ends[0]) if ends and ends[0] > 0.0 else None
     # As many digits as show the width of the interval with two, at most those that files have.
@@ -70,6 +71,6 @@ def _size_text(p: Parameter, base: Model) -> str:
     digits = 3 if not ends else int(np.clip(
         2.0 + np.log10(max(abs(value), 1e-300) / (ends[1] - ends[0])), 3, MAX_DIGITS))
     interval = f" ({ends[0]:.{digits}g} to {ends[1]:.{digits}g}, 95 %)" if ends else ""
-    largest = largest_torque(base, p.name.rpartition(".")[0]) if p.unit == base.task.drive.torque_unit else 0.0
+    largest = largest_torque(base, owner_of(p.name)) if p.unit == base.task.drive.torque_unit else 0.0
     share = f", {100.0 * abs(value) / largest:.2g} % of the largest torque" if largest > 0.0 else ""
     return f"{name} {value:.{digits}g} {unit}{interval}{share}"

@@ -10,6 +10,7 @@ from drivetool.check.causes import CAUSES
 from drivetool.check.fit import FIT_ERRORS, Masks, Model, all_samples, fit, transferred_point
 from drivetool.check.starts import gear_ratio
 from drivetool.errors import Finding
+from drivetool.quantity import names_of, owner_of
 
 if TYPE_CHECKING:
     from drivetool.check.search import SearchResult
@@ -23,7 +24,7 @@ def unidentified_body_findings(search: SearchResult) -> list[Finding]:
     for code in search.found.causes:
         if not CAUSES[code].power:
             continue
-        names = [f"{b}.{CAUSES[code].sizes[0]}" for b in bodies]
+        names = names_of(bodies, CAUSES[code].sizes[0])
         for name in [n for n in names if n in search.found.added.get(code, ())]:
             found += _other_body_findings(search, name, [n for n in names if n != name], CAUSES[code].power)
     return found
@@ -45,7 +46,7 @@ def _other_body_findings(search: SearchResult, name: str, others: Sequence[str],
 def refit_on_body(model: Model, name: str, other: str, power: int, masks: Masks) -> Model:
     """The model with a parameter of one body made that of another, fitted again."""
     task = model.fitted
-    here, there = (gear_ratio(model, n.partition(".")[0]) for n in (name, other))
+    here, there = (gear_ratio(model, owner_of(n)) for n in (name, other))
     values = {n: v for n, v in task.drive.values.items() if n != name}
     drive = replace(task.drive, values=values | {other: task.drive.value(name) * (there / here) ** power})
     task = replace(task, drive=drive, free=tuple(n for n in drive.quantities if n in {*task.free, other} - {name}))

@@ -161,8 +161,8 @@ def _with_free_parameters(found: RecordDifferences, label: str, names: str, word
 
 def _with_clamped_body(found: RecordDifferences, label: str, body: str, e: Experiment) -> RecordDifferences:
     """A body that was held while the recording was made."""
-    from drivetool.drive import RECORD_MARK
     from drivetool.identify.greybox import check_clamped
+    from drivetool.quantity import RECORD_MARK
 
     if body not in found.drive.bodies:
         raise BadOption(f"a body of the {found.drive.name} drive after {CLAMPED_WORD}=", f"'{body}'",

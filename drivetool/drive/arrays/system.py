@@ -163,7 +163,7 @@ class Cache(NamedTuple):
     series (SERIES_ORDER + 1, nx), poly (SERIES_ORDER + 1,), vectors (5, nx), row_scratch (3, nz),
     guards (elements,), gradient (ns,)
 
-    compute_mode, event_step, dead_time_switch    addresses of the units compute_mode, step_through_events and, if the
+    compute_mode, event_step, dead_time_switch    addresses of units compute_mode, step_through_events and, if the
                                                   dead time is free, switch_late; 0 where it is not needed
     """
 

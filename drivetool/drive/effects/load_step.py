@@ -3,7 +3,7 @@
 from collections.abc import Mapping
 
 from drivetool.drive.effects.effect import Effect
-from drivetool.quantity import Quantity
+from drivetool.quantity import Quantity, quantity_of
 
 NEVER = 1e6  # s, the upper bound of the instant; a choice: 11 days, longer than a recording
 STEP_NAMES = ("step", "step2", "step3", "step4")  # that a drive may have
@@ -28,19 +28,19 @@ def stamp(assembly, body):
 
 def has_record_steps(values: Mapping[str, float]) -> bool:
     """Whether a load step belongs to one record only."""
-    return any(n.endswith(STEP_RECORDS) and v > 0.0 for n, v in values.items())
+    return any(quantity_of(n) in STEP_RECORDS and v > 0.0 for n, v in values.items())
 
 
 def values_in_record(values: Mapping[str, float], record: int) -> Mapping[str, float]:
     """The parameters in the record of that number: a load step of another record never occurs in it."""
     never = {n.replace("_record", "_time"): NEVER for n, v in values.items()
-             if n.endswith(STEP_RECORDS) and v not in (0.0, record)}
+             if quantity_of(n) in STEP_RECORDS and v not in (0.0, record)}
     return {**values, **never}
 
 
 def _step_parameters(what: str) -> tuple[str, ...]:
-    """Suffixes of one parameter of every step."""
-    return tuple(f".{step}_{what}" for step in STEP_NAMES)
+    """One parameter of every step."""
+    return tuple(f"{step}_{what}" for step in STEP_NAMES)
 
 
 STEP_TORQUES, STEP_TIMES, STEP_RECORDS = (
@@ -60,6 +60,6 @@ EFFECT = Effect(
     law="T = A for t > t0",
     needs="a stretch of motion before and after; a repeated record distinguishes it from a drift",
     source="Basseville, Nikiforov 1993, Detection of Abrupt Changes",
-    present=tuple(name[1:] for name in STEP_TORQUES),
+    present=STEP_TORQUES,
     odd=False,
 )

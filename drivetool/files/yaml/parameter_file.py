@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, BinaryIO
 
 import msgspec
 
-from drivetool.drive import KNOWN_DRIVES, RECORD_MARK, TOTALS, Drive, is_constant, shared, two_mass
+from drivetool.drive import KNOWN_DRIVES, TOTALS, Drive, is_constant, two_mass
 from drivetool.errors import BadParameters
 from drivetool.files.shapes import (
     GAINS_SCHEMA,
@@ -30,7 +30,7 @@ from drivetool.files.yaml.text import from_yaml
 from drivetool.files.yaml.written_values import factor_to_drive, file_named_in_errors, written_value
 from drivetool.identify.estimate import Covariance
 from drivetool.logs.channels import SCHEMA as MAP_SCHEMA
-from drivetool.quantity import ELECTRIC_UNITS
+from drivetool.quantity import ELECTRIC_UNITS, RECORD_MARK, shared
 
 if TYPE_CHECKING:
 

@@ -9,7 +9,7 @@ import numpy as np
 from msgspec import UNSET
 
 from drivetool.check.validation import CoastDownModel
-from drivetool.drive import RECORD_MARK, Drive, one_body, shared
+from drivetool.drive import Drive, one_body
 from drivetool.errors import BadParameters
 from drivetool.files.shapes import parameter_shapes as shapes
 from drivetool.files.yaml import units
@@ -17,6 +17,7 @@ from drivetool.files.yaml.parameter_file import ParameterSource
 from drivetool.files.yaml.written_values import file_named_in_errors
 from drivetool.identify.coast_down import INERTIA, ratio_name, ratio_unit
 from drivetool.identify.estimate import Covariance
+from drivetool.quantity import RECORD_MARK, shared
 
 # Inertia of a model of ratios, in the drive's own unit: without torque the motion depends on the ratios alone.
 REFERENCE_INERTIA = 1.0

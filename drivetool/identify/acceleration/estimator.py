@@ -32,6 +32,7 @@ from drivetool.identify.greybox import greybox
 from drivetool.identify.plateaus import one_direction_finding, record_plot
 from drivetool.identify.setup import Options
 from drivetool.logs import Experiment
+from drivetool.quantity import name_of, names_of, owner_of, quantity_of
 
 # Blocks of the longest span: the speed is a smooth curve, of which more have no more information.
 MAX_SPAN_BLOCKS = 400
@@ -106,8 +107,8 @@ def held_value(name: str, drive: Drive, rigid: RigidDrive) -> float:
     own = rigid.names[name]
     if own == rigid.target:
         return rigid.rest + (drive.value(own) or 0.0) / rigid.factor
-    if own.startswith("total.") and own not in drive.values:
-        return drive.referred_to_motor(name.rpartition(".")[2])
+    if owner_of(own) == "total" and own not in drive.values:
+        return drive.referred_to_motor(quantity_of(name))
     return drive.value(own) or 0.0
 
 
@@ -117,16 +118,16 @@ def rigid_of(drive: Drive, options: Options) -> RigidDrive:
     raises  BadOption: a part of a friction is to be held, of which only the sum is identifiable
     """
     last, turns = drive.bodies[-1], drive.gear_ratios()[-1]
-    carries = bool(drive.value(f"{last}.carried_mass")) or f"{last}.radius" in drive.values
-    target = f"{last}.carried_mass" if carries else f"{last}.inertia"
+    carries = bool(drive.value(name_of(last, "carried_mass"))) or name_of(last, "radius") in drive.values
+    target = name_of(last, "carried_mass") if carries else name_of(last, "inertia")
     first, several = drive.bodies[0], len(drive.bodies) > 1
-    friction = {n: f"total.{n}" if several else f"{first}.{n}" for n in TOTALS.values()} | {
-        "coulomb": f"{first}.coulomb"}  # one body stands for all
+    friction = {n: f"total.{n}" if several else name_of(first, n) for n in TOTALS.values()} | {
+        "coulomb": name_of(first, "coulomb")}  # one body stands for all
     names = {f"motor.{n}": whole for n, whole in friction.items()} | {"motor.inertia": target}
-    parts = [n for n in options.hold if n.rpartition(".")[2] in friction and n not in names.values()]
+    parts = [n for n in options.hold if quantity_of(n) in friction and n not in names.values()]
     if parts:
         raise BadOption("the friction of the whole drive after --hold of --method acceleration", ", ".join(parts),
-                        f"Hold {friction[parts[0].rpartition('.')[2]]}: only the sum is identifiable.")
+                        f"Hold {friction[quantity_of(parts[0])]}: only the sum is identifiable.")
     if options.free:
         raise BadOption("--hold, and no --free, with --method acceleration", f"--free {options.free[0]}",
                         "Leave it out: mass, constant and viscous friction are fitted. Others are for greybox.")
@@ -134,8 +135,8 @@ def rigid_of(drive: Drive, options: Options) -> RigidDrive:
     masses = own.inertias()
     masses[-1] -= 0.0 if carries else own.value(target) or 0.0
     rest = float(sum(j / n**2 for j, n in zip(masses, drive.gear_ratios(), strict=True)))
-    others = [n for n in (f"{b}.inertia" for b in drive.bodies) if n != target]
-    radius = drive.value(f"{last}.radius") if carries else 1.0
+    others = [n for n in names_of(drive.bodies, "inertia") if n != target]
+    radius = drive.value(name_of(last, "radius")) if carries else 1.0
     return RigidDrive(names, target, turns**2 / radius**2, rest, _rest_variance(others, drive, options.known),
                  tuple(n for n in others if n not in drive.values))
 
@@ -145,7 +146,7 @@ def _rest_variance(names: Sequence[str], drive: Drive, known: Covariance | None)
     if known is None:
         return 0.0
     turns = dict(zip(drive.bodies, drive.gear_ratios(), strict=True))
-    shares = np.array([turns[n.partition(".")[0]] ** -2 if n in names else 0.0 for n in known.names])
+    shares = np.array([turns[owner_of(n)] ** -2 if n in names else 0.0 for n in known.names])
     return float(shares @ known.matrix @ shares)
 
 
@@ -208,12 +209,13 @@ def as_drive_parameters(found: Estimate, drive: Drive, rigid: RigidDrive) -> Est
     lines = {p.name: _as_drive_parameter(p, drive, rigid) for p in found.parameters if p.name in rigid.names}
     values = {p.name: p.value for p in lines.values() if np.isfinite(p.value)}
     if values[rigid.target] <= 0.0:
-        raise BadParameters(f"inertias of the rotating parts below the total inertia that the motor accelerates, "
-                            f"{found.drive.values['motor.inertia']:.4g} {drive.unit(f'{drive.bodies[0]}.inertia')}",
+        unit = drive.unit(name_of(drive.bodies[0], "inertia"))
+        raise BadParameters("inertias of the rotating parts below the total inertia that the motor accelerates, "
+                            f"{found.drive.values['motor.inertia']:.4g} {unit}",
                             f"{rigid.rest:.4g} at the motor", "Correct their inertias, or the "
                             "ratio; a record of the motor alone identifies its inertia.")
     if "motor.coulomb" in lines:  # that of the other bodies would count twice
-        values |= {n: 0.0 for n in (f"{b}.coulomb" for b in drive.bodies[1:]) if drive.values.get(n)}
+        values |= {n: 0.0 for n in names_of(drive.bodies[1:], "coulomb") if drive.values.get(n)}
     has_interval = {n: line.std is not None for n, line in lines.items()}
     covariance = _covariance(found.covariance, {n: rigid.names[n] for n in has_interval if has_interval[n]}, rigid)
     texts = sorted(rigid.names.items()) if len(drive.bodies) > 1 else []

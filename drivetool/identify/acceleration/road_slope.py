@@ -8,12 +8,13 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 from scipy import stats
 
-from drivetool.drive import RECORD_MARK, Drive
+from drivetool.drive import Drive
 from drivetool.errors import Finding
 from drivetool.identify.estimate import Z95, Covariance, Estimate, Parameter
 from drivetool.identify.greybox import greybox
 from drivetool.identify.setup import Options
 from drivetool.logs import Experiment, number_duplicates
+from drivetool.quantity import name_of, parse_name, record_of, with_parts
 
 STANDARD_GRAVITY = 9.80665  # m/s^2, CGPM 1901
 # Probability by chance, below which recordings have different constant torques, or intervals no common line. A
@@ -55,7 +56,7 @@ def fit_with_mean_torque(shared: Estimate, experiments: Sequence[Experiment], st
     if IDLE_TORQUE in options.hold or len(experiments) < 2:
         return _with_common_torque(shared)
     labels = number_duplicates([e.name for e in experiments])
-    own = {f"{IDLE_TORQUE}{RECORD_MARK}{label}": start.values[IDLE_TORQUE] for label in labels}
+    own = {with_parts(IDLE_TORQUE, record=label): start.values[IDLE_TORQUE] for label in labels}
     separate = replace(start, records={label: e.sha256 for label, e in zip(labels, experiments, strict=True)})
     separate = separate.with_values({**start.values, **own})
     found = greybox(experiments, separate, replace(options, free=tuple(own)))
@@ -112,8 +113,8 @@ def _with_mean(found: Estimate, names: Sequence[str], weights: np.ndarray, dista
     value, std = float(weights @ [found.drive.values[n] for n in names]), float(np.sqrt(matrix[-1, -1]))
     idle = Parameter(IDLE_TORQUE, value, found.drive.unit(IDLE_TORQUE), found.drive.value(IDLE_TORQUE), std,
                      (value - Z95 * std, value + Z95 * std), std_between=distance)
-    values = {n: v for n, v in found.drive.values.items() if RECORD_MARK not in n} | {IDLE_TORQUE: value}
-    lines = (*(p for p in found.parameters if RECORD_MARK not in p.name and p.name != IDLE_TORQUE), idle)
+    values = {n: v for n, v in found.drive.values.items() if not record_of(n)} | {IDLE_TORQUE: value}
+    lines = (*(p for p in found.parameters if not record_of(p.name) and p.name != IDLE_TORQUE), idle)
     return replace(found, drive=replace(found.drive, values=values, records={}), parameters=lines,
                    covariance=Covariance((*(covariance.names[i] for i in kept), IDLE_TORQUE), matrix))
 
@@ -124,7 +125,7 @@ def road_slope_findings(found: RoadFit, estimate: Estimate, drive: Drive, target
     estimate  with the drive's own parameters
     """
     low, high = (min(found.by_record.values()), max(found.by_record.values())) if found.by_record else (0.0, 0.0)
-    owner, suffix = target.rpartition(".")[::2]
+    owner, suffix, _ = parse_name(target)
     if found.along is None and not found.by_record:
         return []
     unit = f"{drive.torque_unit} at the motor"
@@ -141,7 +142,7 @@ def road_slope_findings(found: RoadFit, estimate: Estimate, drive: Drive, target
             "the direction of motion.", {"torque": size, "std": std},
             "Look for the cause: a weight, a slope, an offset of the torque channel.")]
     mass = next(p for p in estimate.parameters if p.name == target)
-    force = drive.gear_ratios()[-1] / estimate.drive.value(f"{owner}.radius")
+    force = drive.gear_ratios()[-1] / estimate.drive.value(name_of(owner, "radius"))
     slope = 100.0 * force * size / (mass.value * STANDARD_GRAVITY)
     error = abs(slope) * float(np.hypot(std / size, (mass.std or 0.0) / mass.value))
     text = (f"A constant torque of {size:.4g} +- {std:.2g} {unit} acts, independent of the direction of motion: "

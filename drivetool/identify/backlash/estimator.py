@@ -77,6 +77,7 @@ from drivetool.identify.shaft_torque import (
 from drivetool.identify.starts import PARALLEL_STARTS, start_agrees
 from drivetool.logs import Experiment
 from drivetool.logs.samples import without_unmeasured
+from drivetool.quantity import names_of, owner_of, with_parts
 
 # Half gaps of the likelihood scan, over the twist by the torque of the record. A choice: steps of 5 %, as the local
 # optima are narrow; every eighth one estimates the noise.
@@ -109,11 +110,11 @@ def backlash(experiments: Sequence[Experiment], drive: Drive, options: Options) 
     if {ALL, *TOTALS} & set(options.free) or has_sides(drive, roles, options):
         drive = with_frictions(drive, roles, options)
     requested, options = options, with_all_expanded(options, drive, experiments)
-    gaps = [f"{s}.half_gap" for s in drive.shafts]
+    gaps = names_of(drive.shafts, "half_gap")
     free = free_shared_by_records(free_parameters(drive, gaps, options), drive, experiments)
     gaps = [g for g in gaps if g in free]
     task = Task(drive, free, roles, tuple(experiments), known_states(options.start, drive, free, roles))
-    closed = {g: contact_of(task.at({g: 0.0}), drive.shafts.index(g.split(".")[0])) for g in gaps}
+    closed = {g: contact_of(task.at({g: 0.0}), drive.shafts.index(owner_of(g))) for g in gaps}
     if unopened := [g for g in gaps if not closed[g].reverses]:
         return _unopened_estimate(task, drive, unopened, closed, options)
     freed, lower_limits = with_uncertain_values_free(task, requested), {}
@@ -164,7 +165,7 @@ def _by_inverse(experiments: Sequence[Experiment], drive: Drive, options: Option
     from drivetool.identify.inverse import greybox_by_inverse
 
     drive = with_friction_parts(drive)
-    free = free_parameters(drive, [f"{s}.half_gap" for s in drive.shafts],
+    free = free_parameters(drive, names_of(drive.shafts, "half_gap"),
                            with_all_expanded(options, drive, experiments))
     free = free_shared_by_records(free, drive, experiments)
     return replace(greybox_by_inverse(experiments, drive, free, roles, options), step="backlash")
@@ -196,7 +197,7 @@ def _half_gap_starts(task: Task, gaps: Sequence[str], options: Options) -> list[
     torque = np.concatenate([e.signals["motor_torque"] for e in task.experiments])
     given = {g: v for g in gaps if (v := task.drive.value(g) or 0.0) > 0.0}
     starts = [given] if given else []
-    twist = {g: float(np.nanstd(torque)) / task.drive.value(g.split(".")[0] + ".stiffness") for g in gaps}
+    twist = {g: float(np.nanstd(torque)) / task.drive.value(with_parts(g, quantity="stiffness")) for g in gaps}
 
     def likelihood_at(share: float, noise: Noise | None) -> tuple[float, Noise]:
         trial = task.at({g: share * twist[g] for g in gaps})
@@ -303,7 +304,7 @@ def _contact_counts(outcome: Outcome, drive: Drive, gaps: Sequence[str]) -> dict
     task = outcome.task.at_point(outcome.solution.point)
     found = {}
     for g in gaps:
-        c = contact_of(task, drive.shafts.index(g.split(".")[0]))
+        c = contact_of(task, drive.shafts.index(owner_of(g)))
         found[g] = {"opened": c.opened, "crossed": c.crossed, "open_percent": 100.0 * c.open_share}
     return found
 

@@ -13,6 +13,7 @@ from drivetool.identify.blackbox.transfer import TransferForm
 from drivetool.identify.estimate import Parameter, PlotData, experiment_for
 from drivetool.identify.fit import free_run, opened_gap_findings, with_closed_gaps
 from drivetool.identify.setup import Outcome, Task, reverses
+from drivetool.quantity import quantity_of
 
 # Log likelihood that the shaft must gain over one rigid body. Chance gains 6 on average and at most
 # 16 in 360 records of mere noise; the resonance of a 2 s record in heavy noise gains 28 and more.
@@ -77,7 +78,7 @@ def _parameter_findings(line: Parameter, drive: Drive) -> list[Finding]:
     """The findings on one parameter."""
     if line.status == "not-identifiable":
         # The steady step identifies friction.
-        return [Finding("note" if line.name.endswith(".viscous") else "warning", "not-identifiable",
+        return [Finding("note" if quantity_of(line.name) == "viscous" else "warning", "not-identifiable",
                         f"{line.name} is not identifiable from this record: {line.reason}.",
                         {"value": line.value} if np.isfinite(line.value) else {},
                         experiment_for(line.name, drive), line.name)]

@@ -36,6 +36,7 @@ from drivetool.identify.outcome import (
 from drivetool.identify.problem import Point, Problem, solve
 from drivetool.identify.setup import Options, Outcome, reverses, traces_of
 from drivetool.logs import recording_sources
+from drivetool.quantity import name_of, names_of
 
 # Idle torque over the largest torque of the record. A choice: the motor could not overcome it.
 MAX_IDLE_TORQUE_RATIO = 3.0
@@ -54,17 +55,17 @@ class PhysicalModel:
     def names(self) -> dict[str, str]:
         """Key of `to_physical` -> parameter of the drive that takes it."""
         bodies, one = self.drive.bodies, self.form.order == 1
-        found = {"motor": f"{bodies[0]}.inertia"}
+        found = {"motor": name_of(bodies[0], "inertia")}
         if not one:
             shaft = self.drive.shafts[0]
-            found |= {"load": f"{bodies[1]}.inertia", "stiffness": f"{shaft}.stiffness",
-                      "damping": f"{shaft}.damping"}
+            found |= {"load": name_of(bodies[1], "inertia"), "stiffness": name_of(shaft, "stiffness"),
+                      "damping": name_of(shaft, "damping")}
         owner = bodies[0] if one else "total"
         if VISCOUS in self.form.names:
-            found[VISCOUS] = f"{owner}.viscous"
-        idle = ["total.idle_torque", *(f"{b}.idle_torque" for b in bodies)]
+            found[VISCOUS] = name_of(owner, "viscous")
+        idle = ["total.idle_torque", *names_of(bodies, "idle_torque")]
         if not any(n in self.drive.values or n in self.options.hold for n in idle):
-            found["offset"] = f"{owner}.idle_torque"
+            found["offset"] = name_of(owner, "idle_torque")
         return found
 
 
@@ -127,7 +128,7 @@ def uncertainty_of(physical: PhysicalModel, outcome: Outcome) -> Uncertainty:
     covariance, inflation, free = covariance_of(open_ended, outcome.solution)
     covariance = np.where(np.isfinite(covariance), covariance, 0.0)
     known, form = physical.options.known, physical.form
-    name = "total.viscous" if form.order > 1 else f"{physical.drive.bodies[0]}.viscous"
+    name = "total.viscous" if form.order > 1 else name_of(physical.drive.bodies[0], "viscous")
     held = known is not None and name in known.names and name in physical.drive.values
     if held and outcome.fit is not None and VISCOUS not in form.names:
         i, problem, point = known.names.index(name), outcome.problem, outcome.solution.point

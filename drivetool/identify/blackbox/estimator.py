@@ -29,6 +29,7 @@ from drivetool.identify.setup import Options, Outcome, Roles, Task, at_rates, bo
 from drivetool.identify.starts import attempt_or_none, without_failed
 from drivetool.logs import Experiment
 from drivetool.logs.samples import without_unmeasured
+from drivetool.quantity import name_of, names_of
 
 # Of the grid's best points. A choice: the likelihood has local optima, and each start costs a fit.
 DEFAULT_STARTS = 3
@@ -94,7 +95,7 @@ def _check_options(drive: Drive, options: Options) -> None:
             "a drive of one or two bodies for the black box", f"{drive.name} with {len(drive.bodies)}",
             "Its conversion exists for two masses only: use --structure oe, or give start values with --set and go "
             "on to greybox.")
-    friction = "total.viscous" if drive.shafts else f"{drive.bodies[0]}.viscous"
+    friction = "total.viscous" if drive.shafts else name_of(drive.bodies[0], "viscous")
     for name in options.free:
         if name not in (friction, ALL):
             drive.quantity(name)
@@ -120,7 +121,7 @@ def _form(task: Task, options: Options) -> TransferForm:
     """
     drive = task.drive
     form = form_of(drive, task.roles.inputs, task.roles.outputs[0] == "motor_angle")
-    names = ["total.viscous", *(f"{b}.viscous" for b in drive.bodies)]
+    names = ["total.viscous", *names_of(drive.bodies, "viscous")]
     freed = any(n in options.free for n in (*names, ALL))
     if freed or not any(n in drive.values or n in options.hold for n in names):
         return replace(form, names=(*form.names, VISCOUS))

@@ -23,6 +23,7 @@ from drivetool.identify.greybox import ALL
 from drivetool.identify.outcome import compose
 from drivetool.identify.setup import Options, Roles, Task
 from drivetool.logs import Experiment
+from drivetool.quantity import name_of, names_of, owner_of, quantity_of
 
 # Findings of the fit to the speed alone that those of the fit to both replace.
 REPLACED_CODES = ("innovations-correlated", "torque-source", "torque-source", "not-identifiable",
@@ -41,13 +42,13 @@ def with_shaft_torque(estimate: Estimate, experiments: Sequence[Experiment], dri
     failed = any(f.severity == "failure" for f in estimate.findings)
     if failed or estimate.drive.missing():
         return estimate
-    shut = {f"{s}.half_gap": 0.0 for s in drive.shafts}
+    shut = {name_of(s, "half_gap"): 0.0 for s in drive.shafts}
     initial = with_friction_parts(replace(estimate.drive, values=estimate.drive.values | shut))
     frictions = ("total.viscous", *_body_parameters(drive, "viscous"))
     given = any(n in drive.values or n in options.hold for n in frictions)
     known = given and not {ALL, *frictions} & set(options.free)
-    names = {n for n in initial.quantities if n.rpartition(".")[2] in ("inertia", "stiffness", "damping")
-             and n.partition(".")[0] in (*initial.bodies, *initial.shafts)}
+    names = {n for n in initial.quantities if quantity_of(n) in ("inertia", "stiffness", "damping")
+             and owner_of(n) in (*initial.bodies, *initial.shafts)}
     names |= set() if known else set(_body_parameters(initial, "viscous"))
     names |= set() if "total.idle_torque" in options.hold else set(_body_parameters(initial, "idle_torque"))
     free = tuple(n for n in initial.quantities if n in names and n not in options.hold)
@@ -72,4 +73,4 @@ def with_shaft_torque(estimate: Estimate, experiments: Sequence[Experiment], dri
 
 
 def _body_parameters(drive: Drive, suffix: str) -> list[str]:
-    return [f"{b}.{suffix}" for b in drive.bodies]
+    return names_of(drive.bodies, suffix)

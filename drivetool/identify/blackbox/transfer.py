@@ -17,6 +17,7 @@ import numpy as np
 from drivetool.drive import COLUMN_MULTIPLE, Drive, Dual
 from drivetool.drive.arrays import System
 from drivetool.drive.simulation import Plant, Trace
+from drivetool.quantity import name_of
 
 TWO_MASS = ("b2", "b1", "b0", "a2", "a1", "offset")
 ONE_BODY = ("b", "offset")
@@ -151,7 +152,7 @@ class TransferForm:
 
 def form_of(drive: Drive, inputs: Sequence[str], angle: bool) -> TransferForm:
     """The model of a drive of one or two bodies, with the friction the drive knows."""
-    ratio = drive.value(f"{drive.shafts[0]}.ratio") if drive.shafts else 1.0
+    ratio = drive.value(name_of(drive.shafts[0], "ratio")) if drive.shafts else 1.0
     viscous = drive.values.get("total.viscous", drive.referred_to_motor("viscous"))
     return TransferForm(
         names=TWO_MASS if drive.shafts else ONE_BODY,

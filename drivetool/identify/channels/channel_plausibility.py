@@ -12,6 +12,7 @@ from drivetool.drive import Drive
 from drivetool.errors import Finding
 from drivetool.identify.setup import Task
 from drivetool.identify.starts import MAX_RELATIVE_STD, regressed_totals
+from drivetool.quantity import quantity_of
 
 # Common factor of all parameters to their start values. A choice: start values are not all wrong by as much.
 MAX_COMMON_FACTOR = 3.0
@@ -22,7 +23,7 @@ UNIT_FACTOR_TOLERANCE = 1.4
 ABSURD_FACTOR = 10.0  # factor to a start value. A choice: no start value of a known drive is that wrong
 # Relative std below which a negative inertia counts: ten standard deviations from zero.
 MAX_NEGATIVE_RELATIVE_STD = 0.1
-FACTOR_SUFFIXES = (".inertia", ".stiffness")
+FACTOR_QUANTITIES = ("inertia", "stiffness")
 # What was logged over what it was taken for.
 UNITS = (
     (60.0 / (2.0 * np.pi), "a speed in", "rpm", "rad/s"), (180.0 / np.pi, "a motion in", "degrees", "rad"),
@@ -88,7 +89,7 @@ def _common_factor_of_fit(start: Task, after: Drive) -> float | None:
     """
     before = start.drive
     ratios = np.array([after.value(n) / before.value(n) for n in start.free
-                       if n.endswith(FACTOR_SUFFIXES)
+                       if quantity_of(n) in FACTOR_QUANTITIES
                        and (before.value(n) or 0.0) > 0.0 and (after.value(n) or 0.0) > 0.0])
     if len(ratios) < 2:
         return None

@@ -15,6 +15,7 @@ from drivetool.errors import Finding
 from drivetool.identify.noise import fit_innovations, refit_with_tight_tolerance
 from drivetool.identify.setup import Outcome, Task, has_gap
 from drivetool.logs.samples import STD_PER_MAD
+from drivetool.quantity import quantity_of
 
 REFIT_OUTLIER_STDS = 8.0  # robust standard deviations; normal noise exceeds them once in 1e15 samples
 MAX_REFIT_OUTLIER_SHARE = 2e-3  # share of the samples. A choice: more of them are no outliers but a missing law
@@ -79,7 +80,7 @@ def _outlier_finding(before: Outcome, after: Outcome, times: Sequence[float]) ->
     when = ", ".join(f"{t:.2f}" for t in instants[:MAX_LISTED_INSTANTS]) + (
         " ..." if len(instants) > MAX_LISTED_INSTANTS else "")
     name = max(moved, key=lambda n: abs(moved[n][1] - moved[n][0]) / max(abs(moved[n][1]), 1e-300)
-               if n.endswith((".inertia", ".stiffness", ".carried_mass")) else 0.0)
+               if quantity_of(n) in ("inertia", "stiffness", "carried_mass") else 0.0)
     return Finding(
         "warning", "outliers-left-out",
         f"{len(times)} samples, at {when} s, lie more than {REFIT_OUTLIER_STDS:.0f} standard deviations from their "

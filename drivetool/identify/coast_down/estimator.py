@@ -9,7 +9,7 @@ from itertools import pairwise
 import numpy as np
 from scipy.optimize import nnls
 
-from drivetool.drive import RECORD_MARK, Drive, one_body, shared
+from drivetool.drive import Drive, one_body
 from drivetool.drive.effects import EFFECT as INDUCTION, mean_torque
 from drivetool.errors import BadOption, NotEnoughData
 from drivetool.identify.acceleration import RigidDrive, as_drive_parameters, held_value, rigid_of
@@ -34,6 +34,7 @@ from drivetool.identify.coast_down.stretches import Stretch, stretches_of
 from drivetool.identify.estimate import Z95, Covariance, Estimate, Parameter
 from drivetool.identify.setup import Options, fed_by_voltages
 from drivetool.logs import Experiment, recording_sources
+from drivetool.quantity import name_of, quantity_of, record_of
 
 FRICTION = ("motor.viscous", "motor.coulomb", "motor.idle_torque")
 FLUX_TIME_CONSTANTS = 3.0  # time constants of the rotor's flux, after which 5 % of it is left: exp(-3)
@@ -168,7 +169,7 @@ def _prior(drive: Drive, known: Covariance | None, held: set[str], own: Mapping[
 def _scale(drive: Drive, stretches: Sequence[Stretch], held: set[str], prior: Prior, free: Sequence[str]) -> Scale:
     """The known scale between accelerations and torques; an added inertia that is fitted itself gives none."""
     by = [_scale_by_torque(drive)] if any(not s.off for s in stretches) else []
-    added = [v for n, v in drive.values.items() if shared(n).endswith(".added_inertia") and RECORD_MARK in n
+    added = [v for n, v in drive.values.items() if quantity_of(n) == "added_inertia" and record_of(n)
              and n not in free]
     by += [ADDED_INERTIA_TEXT] if any(added) else []
     by += [f"{n} as held" for n in sorted(held) if drive.value(n)]
@@ -202,8 +203,8 @@ def _check_scale(drive: Drive, fitted: CoastDownFit, scale: Scale) -> None:
         return
     value = fitted.found[INERTIA]
     if not fitted.std(INERTIA) < MAX_STD_TO_VALUE * value:
-        names = [n.partition(RECORD_MARK)[2] for n, v in drive.values.items() if v
-                 and f".added_inertia{RECORD_MARK}" in n]
+        names = [record_of(n) for n, v in drive.values.items() if v
+                 and quantity_of(n) == "added_inertia" and record_of(n)]
         raise NotEnoughData(
             "a lower deceleration in the coast-down with the added inertia",
             f"{', '.join(names)}, with no significant change of the deceleration",
@@ -265,7 +266,7 @@ def _first_inertia(runs: Sequence[Run], stretches: Sequence[Stretch], rates: np.
     for n, rate in zip(FRICTION, rates, strict=False):
         if drive.value(n):
             return drive.value(n) / rate
-    added = [v for n, v in drive.values.items() if shared(n).endswith(".added_inertia")]
+    added = [v for n, v in drive.values.items() if quantity_of(n) == "added_inertia"]
     return max(added, default=1.0) or 1.0
 
 
@@ -321,7 +322,7 @@ def _electrical_parameters(drive: Drive) -> list[Parameter]:
     if not fed_by_voltages(drive):
         return []
     return [Parameter(n, drive.value(n), drive.unit(n), drive.values.get(n), status="held", reason="taken as known")
-            for n in (f"{drive.bodies[0]}.{suffix}" for suffix in INDUCTION.quantities)]
+            for n in (name_of(drive.bodies[0], suffix) for suffix in INDUCTION.quantities)]
 
 
 def _sensor_details(fitted: CoastDownFit) -> list[dict[str, float | str]]:

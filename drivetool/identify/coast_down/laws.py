@@ -10,11 +10,11 @@ import numpy as np
 from drivetool.drive import Drive
 from drivetool.identify.coast_down.coast_down_fit import RESIDUAL_BLOCKS, CoastDownFit, Prior, Run, fit, simulated
 from drivetool.identify.estimate import Z95
+from drivetool.quantity import quantity_of, with_parts
 
 LAWS = {"drag": ("drag",), "stribeck": ("stribeck", "stribeck_speed"),
         "breakaway": ("breakaway", "breakaway_speed")}
 LOW_SPEED_LAWS = ("stribeck", "breakaway")  # two forms of one surplus at low speed, of which a body has one
-LOW_SPEED_SUFFIXES = tuple(f".{law}" for law in LOW_SPEED_LAWS)  # each with a speed of its own
 # Of the Coulomb friction: start value of a surplus. A choice: large enough to have a derivative.
 START_TO_COULOMB = 0.3
 # Start values of its speed, in units of the motion per second. A choice: steps of a factor of five, as each costs a
@@ -69,8 +69,8 @@ def start_drives(start: Drive, free: Sequence[str]) -> list[Drive]:
     """Start values of fits: several speeds for each surplus of friction that is free and not known."""
     found = [start]
     for name in free:
-        if name.endswith(LOW_SPEED_SUFFIXES) and start.value(name) == 0.0:
-            surplus = START_TO_COULOMB * (start.value(name.rpartition(".")[0] + ".coulomb") or 0.0)
+        if quantity_of(name) in LOW_SPEED_LAWS and start.value(name) == 0.0:
+            surplus = START_TO_COULOMB * (start.value(with_parts(name, quantity="coulomb")) or 0.0)
             found = [d.with_values({name: surplus, f"{name}_speed": v}) for d in found for v in START_SPEEDS]
     return found
 

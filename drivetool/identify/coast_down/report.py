@@ -9,7 +9,7 @@ import numpy as np
 from scipy.optimize import brentq
 from scipy.stats import chi2
 
-from drivetool.drive import RECORD_MARK, Drive
+from drivetool.drive import Drive
 from drivetool.drive.effects import steady_torque
 from drivetool.errors import Finding
 from drivetool.identify.coast_down.coast_down_fit import NO_PRIOR, SPEED_GROUPS, CoastDownFit, Run, fit
@@ -19,6 +19,7 @@ from drivetool.identify.estimate import Z95, Parameter, PlotData
 from drivetool.identify.plateaus import record_plot
 from drivetool.identify.setup import supply_of
 from drivetool.logs import Experiment
+from drivetool.quantity import owner_of, parse_name, quantity_of, record_of
 
 INERTIA = "motor.inertia"
 NO_LOAD_GRID = 200  # grid of speeds that brackets the no-load speed. A choice: finer than the slip of usual motors
@@ -115,15 +116,16 @@ def ratio_covariance(drive: Drive, free: Sequence[str], fitted: CoastDownFit) ->
 
 def unidentified(name: str, free: Sequence[str], fitted: CoastDownFit) -> bool:
     """Whether the coast-downs do not identify a further law, by any of its parameters."""
-    body, _, suffix = name.partition(".")
-    law = [] if suffix in ALWAYS_STATED else [
-        n for n in free if n.startswith(f"{body}.{suffix.partition('_')[0]}")]
+    body, quantity, _ = parse_name(name)
+    law = [] if quantity in ALWAYS_STATED else [
+        n for n in free if owner_of(n) == body and quantity_of(n).startswith(quantity.partition("_")[0])]
     return any(not fitted.std(n) < MAX_STD_TO_VALUE * abs(fitted.values[free.index(n)]) for n in law)
 
 
 def ratio_name(name: str) -> str:
     """The name of a parameter over the inertia under derived."""
-    return f"{name.partition('.')[2].replace('@', '_in_')}_over_inertia"
+    _, quantity, record = parse_name(name)
+    return f"{quantity}{record and f'_in_{record}'}_over_inertia"
 
 
 def ratio_unit(drive: Drive, name: str) -> str:
@@ -161,7 +163,7 @@ def scatter_between_runs(start: Drive, free: Sequence[str], runs: Sequence[Run],
         added += _covariance_by_added_inertia(ended, free, [r.name for r in unpowered], scatter)
     speed = float(np.median(np.abs(fitted.speed)))
     torques = values @ np.array([speed if n == "motor.viscous" else 1.0 for n in own])
-    changes = {n.partition(".")[2]: 100.0 * float(v[-1] / v[0] - 1.0)
+    changes = {quantity_of(n): 100.0 * float(v[-1] / v[0] - 1.0)
                for n, v in zip(own, values.T, strict=True) if v[0]}
     return CoastDownScatter(
         probability, changes | {"together": 100.0 * float(torques[-1] / torques[0] - 1.0)}, added,
@@ -177,8 +179,9 @@ def _covariance_by_added_inertia(
     names  of the recordings of the coast-downs; scatter: of a friction, over its mean
     """
     found, own = np.zeros((len(free), len(free))), drive.values[INERTIA]
-    for name in [n for n in drive.values if f".added_inertia{RECORD_MARK}" in n and (n in free or drive.value(n))]:
-        size, on = drive.values[name], sum(n == name.partition(RECORD_MARK)[2] for n in names)
+    added = [n for n in drive.values if quantity_of(n) == "added_inertia" and record_of(n)]
+    for name in [n for n in added if n in free or drive.value(n)]:
+        size, on = drive.values[name], sum(n == record_of(name) for n in names)
         if not 0 < on < len(names):
             continue
         ratio = scatter * np.sqrt(1.0 / on + 1.0 / (len(names) - on))  # of (J + J_added) over J

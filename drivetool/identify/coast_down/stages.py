@@ -15,10 +15,12 @@ from drivetool.identify.coast_down.report import coast_down_plots, fit_figures, 
 from drivetool.identify.coast_down.stretches import Stretch
 from drivetool.identify.estimate import Z95, Estimate, Parameter
 from drivetool.logs import Experiment
+from drivetool.quantity import quantity_of
 
 VISCOUS, COULOMB = "motor.viscous", "motor.coulomb"
-SECOND_WINDOW_SUFFIXES = (".coulomb", ".idle_torque", ".breakaway", ".stribeck")  # fitted by the second window
-LAST_WINDOW_SUFFIXES = ("_speed",)  # fitted by the last window: the speed at which a surplus of friction begins
+SECOND_WINDOW = ("coulomb", "idle_torque", "breakaway", "stribeck")  # fitted by the second window
+# Fitted by the last window: the speed at which a surplus of friction begins.
+LAST_WINDOW = ("breakaway_speed", "stribeck_speed")
 MIN_WINDOW_READINGS = 4 * COUNTS_AROUND  # counts are placed by COUNTS_AROUND readings on either side
 STAGED_FIT_REASON = "a staged fit holds the parameters of later windows: its error is systematic, not noise"
 
@@ -75,7 +77,7 @@ def fit_in_stages(estimate: Estimate, joint: JointFit, windows: Sequence[tuple[f
     """
     stages = _stages(joint, windows)
     held = {n: joint.known.get(n, 0.0) for stage in stages[1:] for n in stage.free
-            if not n.endswith(LAST_WINDOW_SUFFIXES)}
+            if quantity_of(n) not in LAST_WINDOW}
     ended = min((_fit_stages(d.with_values(held), stages, joint.prior) for d in joint.starts),
                 key=lambda e: e[1])[0]
     whole = fit(ended, (), joint.runs, NO_PRIOR)
@@ -111,8 +113,8 @@ def _staged_parameter(line: Parameter, ended: Drive) -> Parameter:
 def _stages(joint: JointFit, windows: Sequence[tuple[float, float]]) -> list[Stage]:
     """The parameters of each window, and its samples in the recordings."""
     names = joint.fitted.names
-    last = [n for n in names if n.endswith(LAST_WINDOW_SUFFIXES)] if len(windows) > 2 else []
-    second = [n for n in names if n.endswith((*SECOND_WINDOW_SUFFIXES, *LAST_WINDOW_SUFFIXES)) and n not in last]
+    last = [n for n in names if quantity_of(n) in LAST_WINDOW] if len(windows) > 2 else []
+    second = [n for n in names if quantity_of(n) in (*SECOND_WINDOW, *LAST_WINDOW) and n not in last]
     groups = [[n for n in names if n not in second and n not in last], second, last][:len(windows)]
     found = []
     for k, (window, free) in enumerate(zip(windows, groups, strict=True)):

@@ -7,14 +7,15 @@ from dataclasses import replace
 
 import numpy as np
 
-from drivetool.drive import RECORD_MARK, Drive, resonances
+from drivetool.drive import Drive, resonances
 from drivetool.errors import DriveToolError
 from drivetool.identify.estimate.estimate import Covariance, Parameter
 from drivetool.identify.estimate.interval_and_status import Z95
+from drivetool.quantity import name_of, names_of, quantity_of, record_of
 
-SHAPE_SUFFIXES = (".inertia", ".carried_mass", ".stiffness")
+RESONANCE_QUANTITIES = ("inertia", "carried_mass", "stiffness")
 # Measured at the machine. Fitted values are relative to them: a figure of the whole drive does not depend on them.
-GEOMETRY_SUFFIXES = (".ratio", ".radius")
+GEOMETRY = ("ratio", "radius")
 # Kind of force -> friction it is, unit, power of the lever.
 FRICTION_FORCES = {
     "constant": ("idle_torque", "N", 1), "coulomb": ("coulomb", "N", 1), "viscous": ("viscous", "N s/m", 2)}
@@ -48,10 +49,10 @@ def derived_figures_of(drive: Drive, lines: Sequence[Parameter], covariance: Cov
         return ()
     covariance = _finite_part(covariance)
     # Where all inertias and stiffnesses are held or guessed, no figure of them has an interval.
-    has_shape = covariance is not None and any(n.endswith(SHAPE_SUFFIXES) for n in covariance.names)
+    has_shape = covariance is not None and any(quantity_of(n) in RESONANCE_QUANTITIES for n in covariance.names)
     known = () if covariance is None else covariance.names
     unknown = [p for p in lines if p.std is None and not (p.status == "held" and p.name in exact)
-               and RECORD_MARK not in p.name and p.name in drive.values and not p.name.endswith(GEOMETRY_SUFFIXES)]
+               and not record_of(p.name) and p.name in drive.values and quantity_of(p.name) not in GEOMETRY]
     stds = {} if covariance is None else dict(zip(known, np.sqrt(np.diag(covariance.matrix)), strict=True))
     try:
         slopes = np.array([_figure_derivatives(drive, n, STD_DIFFERENCE_STEP * stds[n], figures) for n in known])
@@ -93,20 +94,20 @@ def _figures_of(drive: Drive) -> dict[str, tuple[float, str]]:
         name = mode.kind.replace("-", "_") + (str(count[mode.kind]) if count[mode.kind] > 1 else "")
         found[name] = (mode.frequency_hz, "Hz")
         found[f"{name}_damping_ratio"] = (mode.damping_ratio, "")
-    found["total_inertia_at_motor"] = (drive.referred_inertia, drive.unit(f"{drive.bodies[0]}.inertia"))
+    found["total_inertia_at_motor"] = (drive.referred_inertia, drive.unit(name_of(drive.bodies[0], "inertia")))
     return found
 
 
 def _friction_forces(drive: Drive) -> dict[str, tuple[float, str]]:
     """Friction of the whole drive, referred to the mass at the last body with a radius."""
     found: dict[str, tuple[float, str]] = {}
-    owner = next((b for b in reversed(drive.bodies) if f"{b}.radius" in drive.values), None)
+    owner = next((b for b in reversed(drive.bodies) if name_of(b, "radius") in drive.values), None)
     if owner is None or (drive.torque_unit, drive.motion_unit) != ("Nm", "rad"):
         return found
     # Of the motor per metre.
-    lever = drive.gear_ratios()[drive.bodies.index(owner)] / drive.values[f"{owner}.radius"]
+    lever = drive.gear_ratios()[drive.bodies.index(owner)] / drive.values[name_of(owner, "radius")]
     for kind, (suffix, unit, power) in FRICTION_FORCES.items():
-        names = [f"total.{suffix}", *(f"{b}.{suffix}" for b in drive.bodies)]
+        names = [f"total.{suffix}", *names_of(drive.bodies, suffix)]
         if any(drive.values.get(n) for n in names):
             referred = drive.values.get(names[0], drive.referred_to_motor(suffix))
             found[f"{kind}_force_at_{owner}"] = (referred * lever**power, unit)

@@ -6,10 +6,11 @@ from collections.abc import Collection, Sequence
 
 import numpy as np
 
-from drivetool.drive import RECORD_MARK, TOTALS, Drive, shared
+from drivetool.drive import TOTALS, Drive
 from drivetool.errors import Finding
 from drivetool.identify.estimate.estimate import Covariance, Parameter
 from drivetool.identify.problem import Normal, Problem, Solution, blocked_by_bounds, schur
+from drivetool.quantity import name_of, quantity_of, record_of, shared
 
 # Variance inflation by the other parameters above which a direction is unidentifiable. A choice: at 1e4 they
 # imitate 99.99 % of its effect.
@@ -126,7 +127,7 @@ def without_not_identifiable_findings(findings: Sequence[Finding], names: Collec
 
 
 def _why_held(name: str) -> str:
-    return "stated for this recording" if RECORD_MARK in name else "held at its start value"
+    return "stated for this recording" if record_of(name) else "held at its start value"
 
 
 def why_on_bound(value: float) -> str:
@@ -201,10 +202,10 @@ def why_not_identifiable(name: str, partners: Sequence[str], drive: Drive) -> st
 def experiment_for(name: str, drive: Drive) -> str:
     """The experiment that identifies a parameter."""
     name = shared(name)
-    suffix = name.rpartition(".")[2]
+    suffix = quantity_of(name)
     if suffix in TOTALS.values() and name not in TOTALS:
         return f"Log the shaft torque or the load speed, or fit total.{suffix} instead."
     for effect, owner, _ in drive.effects():
-        if f"{owner}.{suffix}" == name or (name in TOTALS and suffix in effect.quantities):
+        if name_of(owner, suffix) == name or (name in TOTALS and suffix in effect.quantities):
             return f"Needed: {effect.needs}."
     return "Hold it with --hold."

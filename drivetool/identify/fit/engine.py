@@ -41,6 +41,7 @@ from drivetool.identify.starts import (
     without_failed,
 )
 from drivetool.progress import counted
+from drivetool.quantity import quantity_of
 
 __all__ = [
     "Outcome",
@@ -171,7 +172,7 @@ def is_multimodal(task: Task) -> bool:
 
 def has_free_inertias_or_stiffnesses(task: Task) -> bool:
     """Whether inertias or stiffnesses of more than one body are free."""
-    return len(task.drive.bodies) > 1 and any(n.endswith((".inertia", ".stiffness")) for n in task.free)
+    return len(task.drive.bodies) > 1 and any(quantity_of(n) in ("inertia", "stiffness") for n in task.free)
 
 
 def _start_record(task: Task, entry: dict, fit: Fit, best: Fit) -> dict:

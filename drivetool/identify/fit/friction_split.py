@@ -13,6 +13,7 @@ from drivetool.identify.noise import Noise, first_samples_of, unit_noise_ratio
 from drivetool.identify.problem import Normal, Point, Problem, Solution, take_steps
 from drivetool.identify.setup import Task, first_point
 from drivetool.identify.starts import frozen_observers
+from drivetool.quantity import name_of, quantity_of
 
 # Scale of an idle torque at least, over the torque's rms. A choice: idle torques may cancel; their sum is no scale.
 MIN_IDLE_SHARE = 0.03
@@ -35,7 +36,7 @@ def tasks_with_parts(task: Task, total: str) -> list[tuple[Task, tuple[str, ...]
     drive, suffix = task.drive, TOTALS[total]
     whole, bodies = drive.values[total], drive.bodies
     shared = drive.parts(total, whole)
-    first, last = f"{bodies[0]}.{suffix}", f"{bodies[-1]}.{suffix}"
+    first, last = name_of(bodies[0], suffix), name_of(bodies[-1], suffix)
     ends = dict.fromkeys(shared, 0.0) | {
         first: shared[first],
         last: (whole - shared[first]) * drive.gear_ratios()[-1] ** GEAR_RATIO_EXPONENTS[suffix]}
@@ -58,7 +59,7 @@ def parts_identifiable(task: Task, problem: Problem, point: Point, normal: Norma
     normal  equations at the point
     """
     drive, size = task.drive, max(abs(whole), 1e-12)
-    if parts[0].endswith(".idle_torque"):
+    if quantity_of(parts[0]) == "idle_torque":
         size = max(size, small_idle_torque(task))
     covariance, inflation, _ = covariance_of(
         replace(problem, low=np.full_like(problem.low, -np.inf)), Solution(point, normal, 0, True))
@@ -87,7 +88,7 @@ def with_initial_shares(whole: Task, task: Task) -> Task:
             drive = drive.with_values({p: max(v, drive.quantity(p).bounds[0])
                                        for p, v in drive.parts(total, drive.values[total]).items()})
     prepared = replace(task, drive=drive)
-    hold = np.array([not n.endswith(tuple(f".{suffix}" for suffix in GEAR_RATIO_EXPONENTS)) for n in task.free])
+    hold = np.array([quantity_of(n) not in GEAR_RATIO_EXPONENTS for n in task.free])
     problem, linear = (first_samples_of(prepared.problem(), SHARES_SAMPLES),
                        first_samples_of(prepared.linear_problem(), SHARES_SAMPLES))
     point = first_point(drive, problem, task.roles)

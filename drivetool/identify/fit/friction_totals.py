@@ -5,13 +5,14 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 
-from drivetool.drive import RECORD_MARK, TOTALS, Drive, shared
+from drivetool.drive import TOTALS, Drive
 from drivetool.identify.fit.engine import by_simulation, fit_task, is_multimodal, refit, segment_of
 from drivetool.identify.fit.friction_split import parts_identifiable, tasks_with_parts
 from drivetool.identify.noise import Noise, filtered_normal_equations, fit_ratio
 from drivetool.identify.problem import Point
 from drivetool.identify.setup import Options, Outcome, Task, first_point
 from drivetool.identify.starts import scaled_to_totals
+from drivetool.quantity import names_of, quantity_of, record_of, shared
 
 
 def with_totals(drive: Drive, requested: Sequence[str]) -> Drive:
@@ -21,9 +22,9 @@ def with_totals(drive: Drive, requested: Sequence[str]) -> Drive:
     """
     if len(drive.bodies) == 1:
         return drive
-    requested = {*requested, *(shared(n) for n in drive.values if RECORD_MARK in n)}
+    requested = {*requested, *(shared(n) for n in drive.values if record_of(n))}
     for total, suffix in TOTALS.items():
-        parts = [f"{b}.{suffix}" for b in drive.bodies]
+        parts = names_of(drive.bodies, suffix)
         if total not in drive.values and not any(p in requested for p in parts):
             drive = drive.with_values({total: drive.referred_to_motor(suffix)})
     return drive
@@ -79,7 +80,7 @@ def _parts_still_identifiable(task: Task, outcome: Outcome) -> bool:
     """Whether the parts that were free in place of a task's sums are identifiable at the estimate."""
     drive, problem, solution = outcome.drive, outcome.problem, outcome.solution
     for total, suffix in TOTALS.items():
-        parts = [n for n in outcome.task.free if n.endswith(f".{suffix}") and n not in TOTALS]
+        parts = [n for n in outcome.task.free if quantity_of(n) == suffix and n not in TOTALS]
         if total in task.free and total not in outcome.task.free and not parts_identifiable(
                 outcome.task, problem, solution.point, solution.normal, parts, drive.referred_to_motor(suffix)):
             return False

@@ -11,6 +11,7 @@ from drivetool.errors import Finding
 from drivetool.identify.noise import Noise, filtered, fit_ratio
 from drivetool.identify.problem import Point
 from drivetool.identify.setup import Task, first_states, with_trial_values
+from drivetool.quantity import name_of, names_of
 
 
 @dataclass(frozen=True)
@@ -72,7 +73,7 @@ def opened_gap_findings(task: Task, treatment: str) -> list[Finding]:
     """
     found = []
     for i, shaft in enumerate(task.drive.shafts):
-        name = f"{shaft}.half_gap"
+        name = name_of(shaft, "half_gap")
         if task.drive.values.get(name) == 0.0:
             continue
         seen = contact_of(with_closed_gaps(task), i)
@@ -89,5 +90,5 @@ def opened_gap_findings(task: Task, treatment: str) -> list[Finding]:
 
 def with_closed_gaps(task: Task) -> Task:
     """The task with the gaps closed."""
-    names = [f"{s}.half_gap" for s in task.drive.shafts]
+    names = names_of(task.drive.shafts, "half_gap")
     return replace(task, drive=with_trial_values(task.drive, names, np.zeros(len(names))))

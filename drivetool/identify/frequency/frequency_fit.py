@@ -20,6 +20,7 @@ from drivetool.identify.frequency.spectrum import Spectrum
 from drivetool.identify.problem import Normal, Point, Solution, solve
 from drivetool.identify.setup import HeldResponse, KnownStart, Options
 from drivetool.logs import Experiment
+from drivetool.quantity import quantity_of
 
 # Chi-square per degree of freedom from which the residual is model error, not noise. A choice: without
 # model error it is near one.
@@ -29,7 +30,8 @@ TOTAL_VISCOUS = "total.viscous"
 # Lines over which the residual is smoothed and may be correlated. A choice: model errors are broad
 CORRELATED_LINES = 11
 REWEIGHTING_ROUNDS = 4  # of reweighting. A choice: each needs one fit, and the weights settle
-NONLINEAR_SUFFIXES = ("idle_torque", "coulomb", "half_gap")  # parameters without effect on a linear response
+# Parameters without effect on a linear response.
+NONLINEAR = ("idle_torque", "coulomb", "drift_coulomb", "half_gap")
 
 
 @dataclass(frozen=True)
@@ -185,7 +187,7 @@ def greybox_by_frequency(experiments: Sequence[Experiment], drive: Drive, free: 
     if any(e.sha256 in drive.records.values() for e in experiments):
         raise BadOption("a criterion in time for recordings that differ", "frequency, which averages them",
                         "Leave --record out, or take --criterion innovations.")
-    names = tuple(n for n in free if not n.endswith(NONLINEAR_SUFFIXES))
+    names = tuple(n for n in free if quantity_of(n) not in NONLINEAR)
     if not names:
         raise BadOption("a free parameter of the linear response", "none", "Free an inertia or stiffness.")
     s = spectra(experiments, SpectraOptions(band=options.band))

@@ -8,11 +8,12 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.signal import lfilter
 
-from drivetool.drive import RECORD_MARK, Drive
+from drivetool.drive import Drive
 from drivetool.errors import BadRecording
 from drivetool.identify.plateaus import rough_inertia, speed_of
 from drivetool.identify.setup import as_recorded, white_std
 from drivetool.logs import Experiment
+from drivetool.quantity import name_of, quantity_of, record_of
 
 # Mean speed over rms. A drive that swings against a clamp has a mean near zero, one that turns freely a mean near
 # the rms; halfway lies a drive that swings as much as it turns.
@@ -54,7 +55,7 @@ def check_clamped(experiment: Experiment, drive: Drive, body: str) -> None:
 def always_clamped(drive: Drive, experiments: Sequence[Experiment]) -> tuple[str, ...]:
     """The bodies that are clamped in all of the recordings."""
     as_they_were = [as_recorded(drive, (), e.number)[0] for e in experiments]
-    return tuple(b for b in drive.bodies if all(d.value(f"{b}.clamped") for d in as_they_were))
+    return tuple(b for b in drive.bodies if all(d.value(name_of(b, "clamped")) for d in as_they_were))
 
 
 def unidentified_by_clamps(drive: Drive, experiments: Sequence[Experiment]) -> frozenset[str]:
@@ -70,27 +71,28 @@ def with_start_values_from_clamped(drive: Drive, experiments: Sequence[Experimen
     There the motor swings on the shaft like a mass on a spring: frequency, damping and inertia of the best of a
     grid of such systems. Recordings without the clamp give the load's inertia.
     """
-    missing = [n for n in drive.missing() if RECORD_MARK not in n]
+    missing = [n for n in drive.missing() if not record_of(n)]
     clamped = [e for e in experiments if len(drive.bodies) == 2
-               and as_recorded(drive, (), e.number)[0].value(f"{drive.bodies[1]}.clamped")]
+               and as_recorded(drive, (), e.number)[0].value(name_of(drive.bodies[1], "clamped"))]
     if not missing or not clamped:
         return drive
     (motor, load), (shaft,) = drive.bodies, drive.shafts
     swings = [s for e in clamped if (s := clamped_oscillation_of(e)) is not None]
     if not swings:
         return drive
-    best, ratio = min(swings, key=lambda s: s.left), drive.value(f"{shaft}.ratio")
-    inertia = drive.value(f"{motor}.inertia") or best.inertia
-    found = {f"{motor}.inertia": inertia, f"{shaft}.stiffness": inertia * best.frequency**2 * ratio**2}
-    if f"{shaft}.damping" not in drive.values:
-        found[f"{shaft}.damping"] = 2.0 * best.damping_ratio * best.frequency * inertia * ratio**2
+    best, ratio = min(swings, key=lambda s: s.left), drive.value(name_of(shaft, "ratio"))
+    inertia = drive.value(name_of(motor, "inertia")) or best.inertia
+    found = {name_of(motor, "inertia"): inertia,
+             name_of(shaft, "stiffness"): inertia * best.frequency**2 * ratio**2}
+    if name_of(shaft, "damping") not in drive.values:
+        found[name_of(shaft, "damping")] = 2.0 * best.damping_ratio * best.frequency * inertia * ratio**2
     whole = [rough_inertia(speed_of(e, "motor", "the load's inertia"), e.signals["motor_torque"], e)
              for e in experiments if e not in clamped]
     if any(w > inertia for w in whole):
-        found[f"{load}.inertia"] = (max(whole) - inertia) * ratio**2
+        found[name_of(load, "inertia")] = (max(whole) - inertia) * ratio**2
     elif not whole:
-        found[f"{load}.inertia"] = inertia * ratio**2  # it does not move: any value does
-    return drive.with_values({n: v for n, v in found.items() if n in missing or n.endswith(".damping")})
+        found[name_of(load, "inertia")] = inertia * ratio**2  # it does not move: any value does
+    return drive.with_values({n: v for n, v in found.items() if n in missing or quantity_of(n) == "damping"})
 
 
 @dataclass(frozen=True)

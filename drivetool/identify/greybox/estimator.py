@@ -12,7 +12,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from drivetool.drive import TOTALS, Drive, shared
+from drivetool.drive import TOTALS, Drive
 from drivetool.errors import BadOption, DriveToolError, Finding
 from drivetool.identify.channels import feedback_in, suspect_channel_findings, torque_timing, without_outliers
 from drivetool.identify.estimate import Estimate, fit_percent
@@ -55,6 +55,7 @@ from drivetool.identify.setup import (
 from drivetool.identify.shaft_torque import with_friction_of_file, with_frictions, with_identified_friction
 from drivetool.logs import Experiment
 from drivetool.logs.samples import without_unmeasured
+from drivetool.quantity import name_of, names_of, owner_of, quantity_of
 
 ALL = "all"  # after --free: all that a grey-box fit frees
 # Log likelihood that freeing a given dry friction must gain without a request. A choice: chance gives it once in
@@ -135,14 +136,14 @@ def _by_inverse(experiments: Sequence[Experiment], drive: Drive, options: Option
     free = free_shared_by_records(free, drive, experiments)
     if not nonlinear_behind_motor(drive, free):
         # Only one constant torque is identifiable, wherever it acts: the motor's, unless others are requested.
-        behind = {f"{b}.idle_torque" for b in drive.bodies[1:]} - set(options.free)
+        behind = {name_of(b, "idle_torque") for b in drive.bodies[1:]} - set(options.free)
         free = tuple(n for n in free if n not in behind)
     return greybox_by_inverse(experiments, drive, free, roles, options)
 
 
 def nonlinear_behind_motor(drive: Drive, free: Sequence[str]) -> bool:
     """Whether dry friction or a gap behind the first body distinguishes a torque there from one on that body."""
-    return any(shared(n).endswith((".coulomb", ".half_gap")) and not n.startswith(f"{drive.bodies[0]}.")
+    return any(quantity_of(n) in ("coulomb", "half_gap") and owner_of(n) != drive.bodies[0]
                and (n in free or (drive.value(n) or 0.0) > 0.0) for n in drive.quantities)
 
 
@@ -153,17 +154,18 @@ def default_free(drive: Drive, experiments: Sequence[Experiment]) -> tuple[str, 
     viscous friction, and its twist a constant torque.
     """
     # A body that carries a mass: the mass is of interest, its own inertia is the small part.
-    names = [f"{b}.{'carried_mass' if drive.value(f'{b}.carried_mass') else 'inertia'}" for b in drive.bodies]
+    names = [name_of(b, 'carried_mass' if drive.value(name_of(b, 'carried_mass')) else 'inertia')
+             for b in drive.bodies]
     for shaft in drive.shafts:
-        names += [f"{shaft}.stiffness", f"{shaft}.damping"]
+        names += [name_of(shaft, "stiffness"), name_of(shaft, "damping")]
     hidden = unidentified_by_clamps(drive, experiments)
     for total, suffix in () if hidden else TOTALS.items():
-        parts = [f"{b}.{suffix}" for b in drive.bodies]
+        parts = names_of(drive.bodies, suffix)
         names += [total] if total in drive.values and len(parts) > 1 else parts
-    names = [n for n in names if n.partition(".")[0] not in hidden]
-    coulomb = [f"{b}.coulomb" for b in drive.bodies if (drive.value(f"{b}.coulomb") or 0.0) > 0.0]
+    names = [n for n in names if owner_of(n) not in hidden]
+    coulomb = [name_of(b, "coulomb") for b in drive.bodies if (drive.value(name_of(b, "coulomb")) or 0.0) > 0.0]
     if reverses(experiments):
-        names += coulomb or [f"{drive.bodies[0]}.coulomb"]
+        names += coulomb or [name_of(drive.bodies[0], "coulomb")]
     return tuple(names)
 
 
@@ -195,7 +197,7 @@ def with_dry_friction_freed(outcome: Outcome, options: Options) -> Outcome:
     A drive that only stops, or hardly turns back, may identify it too; one that never stops does not.
     """
     drive = outcome.task.drive
-    names = {n for n in (f"{b}.coulomb" for b in drive.bodies) if (drive.value(n) or 0.0) > 0.0}
+    names = {n for n in names_of(drive.bodies, "coulomb") if (drive.value(n) or 0.0) > 0.0}
     names -= {*outcome.task.free, *options.hold}
     if not names or outcome.fit is None:
         return outcome

@@ -7,6 +7,7 @@ from dataclasses import replace
 from drivetool.errors import DriveToolError, Finding
 from drivetool.identify.fit import fit_with_friction_split, looks_coloured
 from drivetool.identify.setup import Options, Outcome, Task
+from drivetool.quantity import names_of
 
 # Log likelihood that freeing a held value must gain. A choice: below it, another local optimum explains the gain.
 MIN_HELD_VALUE_GAIN = 30.0
@@ -24,7 +25,7 @@ def contradicted_held_values(task: Task, outcome: Outcome, options: Options, req
                         where the errors are correlated even then: something else is missing
     """
     drive = task.drive
-    held = {"converter.dead_time", *(f"{s}.half_gap" for s in drive.shafts), *options.hold}
+    held = {"converter.dead_time", *names_of(drive.shafts, "half_gap"), *options.hold}
     names = [n for n in drive.quantities if n in held and n not in task.free and drive.value(n)]
     found = []
     for name in names if outcome.fit is not None else ():

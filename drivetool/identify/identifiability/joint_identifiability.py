@@ -12,6 +12,7 @@ from drivetool.errors import Finding
 from drivetool.identify.estimate import Covariance, Parameter
 from drivetool.identify.problem import schur
 from drivetool.identify.setup import Outcome, Task, reverses
+from drivetool.quantity import names_of, parse_name, quantity_of
 
 # Relative rounding of a quadratic form whose terms cancel. A choice: far above eps times the number of terms, far
 # below the smallest information that a record has.
@@ -78,7 +79,7 @@ def _unidirectional_idle_torque(lines: Sequence[Parameter], task: Task,
                                 known: Sequence[str]) -> tuple[Parameter, ...]:
     """Idle torque beside a Coulomb friction that is held at a rough value, where the motor turns one way only."""
     drive = task.drive
-    held = [n for n in (f"{b}.coulomb" for b in drive.bodies)
+    held = [n for n in names_of(drive.bodies, "coulomb")
             if (drive.value(n) or 0.0) > 0.0 and n not in task.free and n not in known]
     if not held or reverses(task.experiments):
         return tuple(lines)
@@ -87,12 +88,12 @@ def _unidirectional_idle_torque(lines: Sequence[Parameter], task: Task,
         reason=f"identifiable only jointly with {' and '.join(held)}, held at "
                f"{drive.referred_to_motor('coulomb'):.4g} referred "
                f"to the motor; std of their sum {p.std:.2g}")
-        if p.name.endswith("idle_torque") and p.std is not None else p for p in lines)
+        if quantity_of(p.name) == "idle_torque" and p.std is not None else p for p in lines)
 
 
 def _lumped_friction_line(line: Parameter, task: Task) -> Parameter:
     """A line of a chain whose friction is identified at the motor and, lumped, on the last body."""
-    body, _, suffix = line.name.partition(".")
+    body, suffix, _ = parse_name(line.name)
     drive, between = task.drive, task.drive.bodies[1:-1]
     if suffix not in TOTALS.values() or body == drive.bodies[0] or not lumped_on_last_body(drive, task.free,
                                                                                            suffix):
@@ -110,5 +111,5 @@ def lumped_on_last_body(drive: Drive, free: Sequence[str], suffix: str) -> bool:
     """Whether the friction behind the motor's shaft is fitted as one value, on the last body."""
     if len(drive.bodies) < 3:
         return False
-    first, *between, last = (f"{b}.{suffix}" for b in drive.bodies)
+    first, *between, last = names_of(drive.bodies, suffix)
     return {first, last} <= set(free) and not any(n in free or drive.value(n) for n in between)

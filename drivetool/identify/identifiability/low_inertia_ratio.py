@@ -20,6 +20,7 @@ from drivetool.identify.estimate import Covariance, Estimate
 from drivetool.identify.fit import by_innovations
 from drivetool.identify.setup import Options, Outcome, Roles, Task
 from drivetool.identify.starts import search_from_prior
+from drivetool.quantity import name_of, names_of, quantity_of
 
 # Load over motor inertia below which held linear parameters bias the half gap: simulated loads below 0.15 did.
 MAX_LOW_INERTIA_RATIO = 0.2
@@ -43,7 +44,7 @@ def may_have_low_inertia_ratio(drive: Drive, roles: Roles, known: Covariance) ->
     """The same with the uncertainty of the ratio: two standard deviations below its value."""
     share, slopes = load_inertia_ratio(drive), np.zeros(len(known.names))
     for j, name in enumerate(known.names):
-        if name.endswith(".inertia") and drive.values.get(name, 0.0) > 0.0:
+        if quantity_of(name) == "inertia" and drive.values.get(name, 0.0) > 0.0:
             more = replace(drive, values={**drive.values, name: drive.values[name] * (1.0 + RATIO_DIFFERENCE_STEP)})
             slopes[j] = (load_inertia_ratio(more) - share) / (RATIO_DIFFERENCE_STEP * drive.values[name])
     std = float(np.sqrt(slopes @ known.matrix @ slopes))
@@ -64,7 +65,7 @@ def with_uncertain_values_free(task: Task, options: Options) -> Task | None:
         return None
     drive, total, names = task.drive, "total.viscous", set(known.names)
     for whole, suffix in TOTALS.items():
-        if names & {f"{b}.{suffix}" for b in drive.bodies}:
+        if names & {name_of(b, suffix) for b in drive.bodies}:
             names.add(whole)
     names = set(task.free) | {n for n in names if n in drive.values} - set(options.hold)
     if total in names and total not in options.free and total in drive.values:
@@ -82,7 +83,7 @@ def fit_low_inertia_ratio(task: Task, known: Covariance, options: Options) -> Ou
 
 def any_linear_held(task: Task) -> bool:
     """Whether an inertia or a stiffness keeps its value."""
-    names = [f"{b}.inertia" for b in task.drive.bodies] + [f"{s}.stiffness" for s in task.drive.shafts]
+    names = names_of(task.drive.bodies, "inertia") + names_of(task.drive.shafts, "stiffness")
     return any(n not in task.free for n in names)
 
 

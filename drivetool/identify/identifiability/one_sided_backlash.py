@@ -13,6 +13,7 @@ from drivetool.identify.noise import filtered, minus_log_likelihood
 from drivetool.identify.problem import Point, solve
 from drivetool.identify.setup import Outcome, Task
 from drivetool.identify.starts import free_values
+from drivetool.quantity import names_of, owner_of, quantity_of
 
 WIDE_GAP_FACTOR = 100.0  # times the half gap found. A choice: more than any travel in a record
 # Log likelihood that grazing contacts gain by chance: where a contact sets in, the filter's slope jumps, and the
@@ -28,7 +29,7 @@ BEYOND_TRAVEL_FACTOR = 1.02
 def uncrossed_gaps(outcome: Outcome) -> tuple[Outcome, dict[str, float]]:
     """(the fit, lower limit of each free half gap that was never crossed, by its name)."""
     least = {}
-    for name in [n for n in outcome.task.free if n.endswith(".half_gap")]:
+    for name in [n for n in outcome.task.free if quantity_of(n) == "half_gap"]:
         found = never_crossed(outcome, name)
         if found:
             outcome, least[name] = found
@@ -56,7 +57,7 @@ def never_crossed(outcome: Outcome, gap: str) -> tuple[Outcome, float] | None:
 def _half_gap_of_travel(wide: Outcome, gap: str) -> tuple[float, float] | None:
     """(half gap that the travel just fills, its std), by a fit with a wide gap; None with contact on both sides."""
     problem, solution, noise = wide.problem, wide.solution, wide.fit.noise
-    gaps = [f"{s}.half_gap" for s in wide.drive.shafts]
+    gaps = names_of(wide.drive.shafts, "half_gap")
     shaft = [g for g in gaps if wide.drive.value(g) or g in wide.task.free].index(gap)
 
     def travel(values: np.ndarray) -> float:
@@ -88,7 +89,7 @@ def _with_half_gap(wide: Outcome, gap: str, value: float, task: Task) -> Outcome
     """The fit with a wide gap, as one of all free parameters at another half gap that is not crossed either."""
     broad = wide.task.at_point(wide.solution.point)
     # Closed or open at the start: the distance from the side in contact stays.
-    column = len(broad.drive.bodies) + broad.drive.shafts.index(gap.rpartition(".")[0])
+    column = len(broad.drive.bodies) + broad.drive.shafts.index(owner_of(gap))
     starts = tuple(s.copy() for s in wide.solution.point.starts)
     for s in starts:
         s[column] += np.sign(s[column]) * (value - (broad.drive.value(gap) or 0.0))

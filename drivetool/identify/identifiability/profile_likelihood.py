@@ -9,6 +9,7 @@ import numpy as np
 from drivetool.identify.noise import Noise, filtered, minus_log_likelihood
 from drivetool.identify.problem import Point, solve
 from drivetool.identify.setup import Outcome, Task
+from drivetool.quantity import parse_name
 
 HALF_CHI2_95 = 1.920729410347062  # half the 95 % quantile of chi-square with one degree of freedom
 
@@ -83,7 +84,7 @@ def _refit(task: Task, outcome: Outcome, name: str, value: float) -> float:
 
 def shifted_start(task: Task, name: str, value: float, start: np.ndarray) -> np.ndarray:
     """A start state that leaves a contact closed as far as it was, if a half gap changes."""
-    shaft, _, suffix = name.rpartition(".")
+    shaft, suffix, _ = parse_name(name)
     old = task.drive.value(name) or 0.0
     column = len(task.drive.bodies) + task.drive.shafts.index(shaft) if suffix == "half_gap" else -1
     if column < 0 or abs(start[column]) < old:

@@ -15,6 +15,7 @@ from drivetool.errors import Finding
 from drivetool.identify.estimate import Covariance, Estimate, without_intervals, without_not_identifiable_findings
 from drivetool.identify.noise import Fit, fit_innovations
 from drivetool.identify.setup import Outcome, first_point, has_gap
+from drivetool.quantity import name_of
 
 # Times as stiff and as damped: ten times the frequency, and no resonance in the band any more
 RIGID_STIFFNESS_FACTOR = 100.0
@@ -31,7 +32,8 @@ def shaft_gain(outcome: Outcome) -> dict[str, float]:
     if outcome.fit is None or has_gap(outcome.task):
         return {}
     return {shaft: float(_fit_with_rigid_shaft(outcome, k).value - outcome.fit.value)
-            for k, shaft in enumerate(outcome.task.drive.shafts) if f"{shaft}.stiffness" in outcome.task.free}
+            for k, shaft in enumerate(outcome.task.drive.shafts)
+            if name_of(shaft, "stiffness") in outcome.task.free}
 
 
 def without_unidentified(estimate: Estimate, gains: Mapping[str, float]) -> Estimate:
@@ -67,8 +69,8 @@ def without_shaft_intervals(estimate: Estimate, shaft: str, reason: str) -> Esti
     """The estimate without intervals of a shaft and of the inertias that it joins, for a reason."""
     drive = estimate.drive
     k = drive.shafts.index(shaft)
-    names = {f"{shaft}.stiffness", f"{shaft}.damping", *(
-        f"{body}.{what}" for body in drive.bodies[k:k + 2] for what in ("inertia", "carried_mass"))}
+    names = {name_of(shaft, "stiffness"), name_of(shaft, "damping"), *(
+        name_of(body, what) for body in drive.bodies[k:k + 2] for what in ("inertia", "carried_mass"))}
     lines = tuple(p.without_interval(reason, "not-identifiable")
                   if p.name in names and p.status in ("fitted", "at-bound") else p for p in estimate.parameters)
     covariance = estimate.covariance
@@ -93,8 +95,10 @@ def _fit_with_rigid_shaft(outcome: Outcome, k: int) -> Fit:
     """The fit with a rigid shaft. The inertia behind it is held: the one before it takes up the sum."""
     task = outcome.task.at_point(outcome.solution.point)
     shaft, beyond = task.drive.shafts[k], task.drive.bodies[k + 1]
-    held = {f"{shaft}.stiffness", f"{shaft}.damping", f"{beyond}.inertia", f"{beyond}.carried_mass"}
-    stiff = {n: RIGID_STIFFNESS_FACTOR * task.drive.value(n) for n in (f"{shaft}.stiffness", f"{shaft}.damping")}
+    held = {name_of(shaft, "stiffness"), name_of(shaft, "damping"), name_of(beyond, "inertia"),
+            name_of(beyond, "carried_mass")}
+    stiff = {n: RIGID_STIFFNESS_FACTOR * task.drive.value(n)
+             for n in (name_of(shaft, "stiffness"), name_of(shaft, "damping"))}
     task = replace(task.at(stiff), free=tuple(n for n in task.free if n not in held))
     problem = task.problem()
     return fit_innovations(problem, first_point(task.drive, problem, task.roles), outcome.fit.noise,

@@ -10,7 +10,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from drivetool.drive import TOTALS, Drive, shared
+from drivetool.drive import TOTALS, Drive
 from drivetool.errors import BadOption, Finding
 from drivetool.identify.channels import feedback_in
 from drivetool.identify.estimate import (
@@ -52,6 +52,7 @@ from drivetool.identify.outcome import RecordingEstimate, identifiable_alone, re
 from drivetool.identify.problem import Normal, Point, Solution
 from drivetool.identify.setup import KnownStart, Options, Roles
 from drivetool.logs import Experiment
+from drivetool.quantity import name_of, shared
 
 MIN_FIRST_STAGE_F = 10.0  # first-stage F below which instruments are weak (Staiger and Stock 1997)
 # Factor by which the comparison band is narrower. A choice: an octave moves what depends on the band, and still
@@ -204,7 +205,7 @@ def _max_noise_bias(fit: InverseFit, rows: Sequence[Rows], inverse: np.ndarray) 
     free, found = fit.at.free, np.zeros(len(fit.at.free))
     if fit.at.predicted and not fit.at.drive.shafts:
         return found
-    columns = [j for j, n in enumerate(free) if shared(n) == f"{fit.at.drive.bodies[0]}.inertia"]
+    columns = [j for j, n in enumerate(free) if shared(n) == name_of(fit.at.drive.bodies[0], "inertia")]
     every = np.concatenate([r.slopes[:, columns] for r in fit.rows])
     noise = NOISE_SHARE * np.sum(every**2) / max(np.count_nonzero(every.any(axis=1)), 1)  # of one value
     residual, slopes = (np.concatenate([getattr(r, n) for r in rows]) for n in ("residual", "slopes"))

@@ -22,6 +22,7 @@ from drivetool.identify.laws import (
 )
 from drivetool.identify.motion import AUTOREGRESSION_ORDER, Motions, autoregression, smoothed
 from drivetool.identify.setup import Roles, Task
+from drivetool.quantity import name_of
 
 
 def missing_laws_of(record: InverseRegression) -> tuple[str, ...]:
@@ -76,7 +77,7 @@ def with_laws(record: InverseRegression, names: Sequence[str]) -> InverseRegress
         over = _candidate_laws(record, _exogenous_motion(record))
         foreseen = measured | {law.name: law for law in over if law.name in measured}
     body, count = record.drive.bodies[0], sum(law.size for law in measured.values())
-    factors = tuple(f"{body}.law{i + 1}" for i in range(count))
+    factors = tuple(name_of(body, f"law{i + 1}") for i in range(count))
     values = {**record.drive.values, **dict.fromkeys(factors, 0.0)}
     drive = replace(record.drive, known_torques=factors, values=values)
     return replace(record, drive=drive, free=(*record.own, *factors),

@@ -35,6 +35,7 @@ from drivetool.identify.motion import (
 from drivetool.identify.problem import Normal, Point, solve
 from drivetool.identify.setup import as_recorded, with_trial_values
 from drivetool.logs import Experiment
+from drivetool.quantity import name_of
 
 # Samples of a fit: blocks of a single sample have no correlation to estimate.
 MIN_REGRESSION_SAMPLES = 2 * INFLUENCE_BLOCKS
@@ -102,7 +103,7 @@ class InverseRegression:
         torques |= dict(zip(drive.known_torques, np.nan_to_num(columns).T, strict=True))
         body = first_body(drive)
         found = equations(e, body, free, self.seen, motion, standing, torques, more)
-        dry = f"{body.bodies[0]}.coulomb"
+        dry = name_of(body.bodies[0], "coulomb")
         if dry in free or body.value(dry):
             found = replace(found, used=found.used & ~near_reversal(motion))
         return replace(found, used=found.used & ~self.lead[i]) if self.lead else found

@@ -24,6 +24,7 @@ from drivetool.identify.laws.regression import Regression, is_regressable, regre
 from drivetool.identify.motion import Motions, motions_of, motions_through
 from drivetool.identify.noise import expected_recording_noise, filtered
 from drivetool.identify.setup import Outcome, Task, has_gap
+from drivetool.quantity import name_of, quantity_of
 
 MIN_MEASURED_RUN = 200  # measured values in a row: sixteen blocks of a dozen
 
@@ -149,7 +150,7 @@ def refit_with_freed(white: Outcome, names: Sequence[str]) -> Outcome:
     Across a gap it starts from the fit before: an optimum that its search has confirmed is not searched again.
     """
     task = white.task.at_point(white.solution.point)
-    guess = {n: task.drive.values.get(f"{task.drive.bodies[0]}.{n.partition('.')[2]}", 0.0) for n in names}
+    guess = {n: task.drive.values.get(name_of(task.drive.bodies[0], quantity_of(n)), 0.0) for n in names}
     free = tuple(n for n in task.drive.quantities if n in {*task.free, *names})
     wider = replace(task.at(guess), free=free)
     if has_gap(task):
@@ -195,7 +196,7 @@ def _candidate_of_fit(outcome: Outcome, line: np.ndarray) -> Candidate:
 def _candidate_of_free_runs(best: Outcome, seen: Motions, line: np.ndarray) -> Candidate:
     """The fit to free runs, each with an idle torque of its own; the drive's idle torque keeps its value."""
     start = best.task.at_point(best.solution.point)
-    fitted, length = tuple(n for n in start.free if not n.endswith(".idle_torque")), run_length(start)
+    fitted, length = tuple(n for n in start.free if quantity_of(n) != "idle_torque"), run_length(start)
     lag = min([seen.lag, *(max(t.size // MIN_MEANS_PER_RUN, 1) for t in start.traces(length))])
     outcome = by_simulation(replace(start, free=fitted), length, [{}], near_optimum=True, lag=lag,
                             constant_torques=len(fitted) < len(start.free))
@@ -210,7 +211,7 @@ def _candidate_of_free_runs(best: Outcome, seen: Motions, line: np.ndarray) -> C
     task = start.at(dict(zip(start.free, values, strict=True)))
     found = _projected_candidate(task, values, influence, None, outcome, line)
     # The share of laws in the idle torque is collinear with the runs' own idle torques.
-    idle = np.array([n.endswith(".idle_torque") for n in start.free[:len(line)]])
+    idle = np.array([quantity_of(n) == "idle_torque" for n in start.free[:len(line)]])
     return replace(found, own=np.where(idle, best_candidate.own, found.own), blocks=blocks[:len(line)],
                    influence=np.where(idle, best_candidate.influence, found.influence))
 

@@ -24,6 +24,7 @@ from drivetool.identify.motion import NOISE_SHARE
 from drivetool.identify.noise import Fit, filtered, fit_ratio, minus_log_likelihood
 from drivetool.identify.problem import solve
 from drivetool.identify.setup import Options, Outcome, Task, first_point, has_gap
+from drivetool.quantity import quantity_of
 
 # From the most efficient estimator, where its noise model is right, to the most robust.
 PREFERENCE_ORDER = ("coloured, laws", "white, laws", "regression, laws")
@@ -48,7 +49,7 @@ MIN_EFFECTIVE_BLOCKS = 3.0
 # Half-widths that a disagreement adds: two wrong fits share part of their error, so it is doubled.
 DISAGREEMENT_FACTOR = 2.0
 # Parameters of several bodies that are identifiable from free runs with a constant torque each.
-FREE_RUN_IDENTIFIABLE = (".inertia", ".carried_mass", ".stiffness", ".damping", ".half_gap")
+FREE_RUN_IDENTIFIABLE = ("inertia", "carried_mass", "stiffness", "damping", "half_gap")
 RESIDUAL_SENTENCES = {"coloured": "the residual is modelled as coloured torque noise",
         "white": "the residual is modelled as white torque noise",
         "regression": "the residual is not modelled: least squares of the torque over the motion",
@@ -202,7 +203,7 @@ def _held_out_finding(error: float, straight: float) -> Finding:
 
 def _inertia_at_lower_bound(own: Task) -> bool:
     """Whether an inertia is at its lower bound."""
-    names = [n for n in own.free if n.endswith((".inertia", ".carried_mass"))]
+    names = [n for n in own.free if quantity_of(n) in ("inertia", "carried_mass")]
     return any(own.drive.values[n] <= own.drive.quantity(n).bounds[0] for n in names)
 
 
@@ -278,12 +279,12 @@ def _comparable_parameters(field: CandidateSet, other: str, free: Sequence[str])
     identified = field.candidates[other].blocks >= MIN_EFFECTIVE_BLOCKS
     if other != "free runs, laws" or len(field.task.drive.bodies) == 1:
         return identified
-    return identified & np.array([n.endswith(FREE_RUN_IDENTIFIABLE) for n in free])
+    return identified & np.array([quantity_of(n) in FREE_RUN_IDENTIFIABLE for n in free])
 
 
 def _regression_bias(c: Candidate, free: Sequence[str]) -> np.ndarray:
     """(k,) by how much sensor noise may bias a regression downwards: the inertia, as its cut-off allows."""
-    return NOISE_SHARE * np.array([n.endswith(".inertia") for n in free]) * np.abs(c.own)
+    return NOISE_SHARE * np.array([quantity_of(n) == "inertia" for n in free]) * np.abs(c.own)
 
 
 def _innovations_outcome_at(c: Candidate, field: CandidateSet) -> Outcome:

@@ -15,6 +15,7 @@ from drivetool.identify.laws.laws import MEASUREMENT_NOISE, Law
 from drivetool.identify.noise import Noise, filtered, with_disturbance_state
 from drivetool.identify.problem import Point
 from drivetool.identify.setup import Task, has_gap
+from drivetool.quantity import name_of
 
 FOLDS = 8  # contiguous blocks; a choice within the usual 5 to 10 (Hastie, Tibshirani, Friedman, section 7.10)
 # Log likelihood that a law must gain on held-out blocks: the best of fifty spurious ones does so once in 1e5.
@@ -34,7 +35,7 @@ def with_laws(task: Task, laws: Sequence[Law], factors: Sequence[float] | None =
         return task
     known, more = task.drive.known_torques, sum(law.size for law in laws)
     bodies = [law.body for law in laws for _ in range(law.size)]
-    names = tuple(f"{body}.law{len(known) + i + 1}" for i, body in enumerate(bodies))
+    names = tuple(name_of(body, f"law{len(known) + i + 1}") for i, body in enumerate(bodies))
     factors = np.zeros(more) if factors is None else factors
     drive = replace(task.drive, known_torques=(*known, *names),
                     values={**task.drive.values, **dict(zip(names, map(float, factors), strict=True))})

@@ -15,6 +15,7 @@ from drivetool.errors import Finding
 from drivetool.identify.estimate import FoundLaw
 from drivetool.identify.motion import Motion, Motions
 from drivetool.logs import Experiment
+from drivetool.quantity import name_of
 
 STRIBECK_NAME = "Stribeck friction"  # as the names of these laws begin
 STRIBECK_WIDTHS = (0.02, 0.05, 0.1, 0.2)  # of a Stribeck peak, over the top speed: a decade in steps of two
@@ -94,7 +95,7 @@ def law_library(body_motions: Motions, turns: bool, body: str = "motor", name_su
         law("direction-dependent friction", lambda m, v, t: [np.abs(v)])
         law("time-varying friction", lambda m, v, t: [t * m.side])
     if body != "motor":
-        law("dry friction", lambda m, v, t: [m.side], "friction", parameter=f"{body}.coulomb")
+        law("dry friction", lambda m, v, t: [m.side], "friction", parameter=name_of(body, "coulomb"))
     law("friction that grows with the square of the speed", lambda m, v, t: [v * np.abs(v)], "friction")
     for w in STRIBECK_WIDTHS:
         law(f"{STRIBECK_NAME} with a Stribeck speed of {w:g} times the maximum speed",

@@ -20,6 +20,7 @@ from drivetool.identify.noise import Fit, Noise, filtered, fit_innovations, minu
 from drivetool.identify.problem import Point
 from drivetool.identify.setup import Outcome, Task, has_gap
 from drivetool.identify.starts import attempt_or_none
+from drivetool.quantity import name_of
 
 # Log likelihood that the larger model must gain. A third mass, the richer of the two, gains half a chi-square of
 # three degrees at each of about eight distinguishable resonances. That exceeds 12 by chance once in 5000 records
@@ -86,7 +87,7 @@ def can_be_tested(outcome: Outcome, white: Outcome) -> bool:
     drive = outcome.task.drive
     if outcome.fit is None or white.fit is None or len(drive.bodies) != 2 or has_gap(outcome.task):
         return False
-    return f"{drive.shafts[0]}.stiffness" in outcome.task.free
+    return name_of(drive.shafts[0], "stiffness") in outcome.task.free
 
 
 def _likelihood_gain(outcome: Outcome, fit: Fit | None, rival: Outcome) -> float:
@@ -113,8 +114,8 @@ def report_missing_structure(estimate: Estimate, lack: MissingStructure | None, 
 def missing_gap_finding(lack: MissingStructure, shaft: str) -> Finding:
     """The finding on a missing gap."""
     drive = lack.task.drive
-    half_gap = float(drive.values[f"{shaft}.half_gap"])
-    stiffness = float(drive.values[f"{shaft}.stiffness"])
+    half_gap = float(drive.values[name_of(shaft, "half_gap")])
+    stiffness = float(drive.values[name_of(shaft, "stiffness")])
     return Finding(
         "warning", "gap-left-out",
         f"The model lacks a gap: with a half gap of about {half_gap:.2g} {drive.motion_unit} in {shaft} the log "
@@ -130,7 +131,7 @@ def missing_mass_finding(lack: MissingStructure) -> Finding:
     """The finding on a missing third mass."""
     drive = lack.task.drive
     inertia, stiffness, _ = (float(drive.values[n]) for n in third_mass_names(_without_last_body(drive)))
-    load = float(drive.values[f"{drive.load}.inertia"])
+    load = float(drive.values[name_of(drive.load, "inertia")])
     frequency = float(np.sqrt(stiffness * (1.0 / inertia + 1.0 / load)) / (2.0 * np.pi))
     share = inertia / (inertia + load)
     first = drive.shafts[0]
@@ -140,7 +141,7 @@ def missing_mass_finding(lack: MissingStructure) -> Finding:
         f"shaft, with a resonance at {frequency:.3g} Hz, raises the log likelihood by {lack.gain:.3g}. Without the "
         f"third mass the stiffness estimate of {first} is biased and gets no interval.",
         {"log_likelihood_gain": lack.gain, "wanted": MIN_STRUCTURE_GAIN, "share": share, "frequency": frequency,
-         "stiffness_with_third_mass": float(drive.values[f"{first}.stiffness"])},
+         "stiffness_with_third_mass": float(drive.values[name_of(first, "stiffness")])},
         "Fit it too with --drive three-mass, or run diagnose; a sensor at the load shows it best.")
 
 
@@ -159,7 +160,7 @@ def _load_noise_gain(outcome: Outcome) -> float:
 
 def _fit_with_gap(outcome: Outcome, white: Outcome) -> tuple[Task, Fit | None]:
     """The likeliest drive with a gap."""
-    if outcome.task.drive.values.get(f"{outcome.drive.shafts[0]}.half_gap") == 0.0:
+    if outcome.task.drive.values.get(name_of(outcome.drive.shafts[0], "half_gap")) == 0.0:
         return outcome.task, None
     torque = float(np.sqrt(np.mean(shaft_torque(outcome) ** 2)))
     start = _with_gap(outcome, torque, SMALL_GAP_SHARE)
@@ -184,10 +185,10 @@ def _with_gap(outcome: Outcome, torque: float, share: float) -> Task:
     """The task with a half gap of a share of the twist under a torque, and a shaft stiffer by as much."""
     task = outcome.task.at_point(outcome.solution.point)
     shaft = task.drive.shafts[0]
-    stiffness = task.drive.values[f"{shaft}.stiffness"]
-    names = {*task.free, f"{shaft}.half_gap"}
-    return replace(task.at({f"{shaft}.half_gap": share * torque / stiffness,
-                            f"{shaft}.stiffness": stiffness / (1.0 - share)}),
+    stiffness = task.drive.values[name_of(shaft, "stiffness")]
+    names = {*task.free, name_of(shaft, "half_gap")}
+    return replace(task.at({name_of(shaft, "half_gap"): share * torque / stiffness,
+                            name_of(shaft, "stiffness"): stiffness / (1.0 - share)}),
                    free=tuple(n for n in task.drive.quantities if n in names))
 
 

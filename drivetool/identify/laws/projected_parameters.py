@@ -10,6 +10,7 @@ from drivetool.identify.laws.laws import Law
 from drivetool.identify.motion import Motions
 from drivetool.identify.plateaus import STANDSTILL_SPEED_SHARE
 from drivetool.identify.setup import Task
+from drivetool.quantity import name_of, owner_of, quantity_of
 
 # Parameter of a body -> the sum over all bodies that may be fitted in its place.
 SUM_OF_BODIES = {"viscous": "total.viscous", "idle_torque": "total.idle_torque"}
@@ -29,8 +30,8 @@ def projection_of_laws(task: Task, laws: Sequence[Law], seen: Mapping[str, Motio
     for law in laws:
         own = slice(column, column + law.size)
         column += law.size
-        if law.of == "inertia" and f"{law.body}.inertia" in free:
-            found[free.index(f"{law.body}.inertia"), own] = law.inertia
+        if law.of == "inertia" and name_of(law.body, "inertia") in free:
+            found[free.index(name_of(law.body, "inertia")), own] = law.inertia
         parts = {"friction": ("viscous", _friction_constant_name(task, law.body)),
                  "idle torque": ("idle_torque",)}.get(law.of, ())
         names = {part: name for part in parts if (name := _free_parameter_of(task, law.body, part))}
@@ -68,14 +69,14 @@ def _friction_constant_name(task: Task, body: str) -> str:
 def _free_parameter_of(task: Task, body: str, part: str) -> str:
     """The free parameter that contains a part of a body's torque: the body's, the sum, or the motor's."""
     first = task.drive.bodies[0]
-    names = (f"{body}.{part}", SUM_OF_BODIES.get(part, f"{first}.{part}"))
+    names = (name_of(body, part), SUM_OF_BODIES.get(part, name_of(first, part)))
     return next((n for n in names if n in task.free), "")
 
 
 def _referred_factor(task: Task, body: str, name: str) -> float:
     """Factor of a body's torque in a parameter, referred through the gears."""
-    part = name.partition(".")[2]
-    return 1.0 if name.startswith(f"{body}.") else task.drive.referred_share(f"{body}.{part}")
+    part = quantity_of(name)
+    return 1.0 if owner_of(name) == body else task.drive.referred_share(name_of(body, part))
 
 
 def _friction_regressors(seen: Motions) -> tuple[dict[str, np.ndarray], np.ndarray]:

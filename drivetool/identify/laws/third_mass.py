@@ -10,6 +10,7 @@ from drivetool.drive import END_MASS, Drive
 from drivetool.identify.noise import Noise, filtered_normal_equations
 from drivetool.identify.problem import Point, Problem, schur
 from drivetool.identify.setup import Task
+from drivetool.quantity import name_of, owner_of
 
 # Of the sampling rate. A choice below the Nyquist limit of 0.5: a faster mode leaves no trace in the samples.
 MAX_MODE_RATE_SHARE = 0.4
@@ -18,7 +19,7 @@ MAX_MODE_RATE_SHARE = 0.4
 def third_mass_names(drive: Drive, at: str = END_MASS) -> tuple[str, str, str]:
     """Inertia, stiffness and damping of a third mass, behind the load or between motor and load."""
     shaft = f"shaft{len(drive.bodies)}"
-    return f"{at}.inertia", f"{shaft}.stiffness", f"{shaft}.damping"
+    return name_of(at, "inertia"), name_of(shaft, "stiffness"), name_of(shaft, "damping")
 
 
 def with_split_load(task: Task, step: float, share: float, frequency_ratio: float, zeta: float) -> Task | None:
@@ -30,16 +31,17 @@ def with_split_load(task: Task, step: float, share: float, frequency_ratio: floa
     """
     drive = task.drive
     last, first = drive.bodies[-1], drive.bodies[0]
-    jl, jm, ks = (drive.value(n) for n in (f"{last}.inertia", f"{first}.inertia", f"{drive.shafts[0]}.stiffness"))
+    jl, jm, ks = (drive.value(n) for n in (name_of(last, "inertia"), name_of(first, "inertia"),
+                                           name_of(drive.shafts[0], "stiffness")))
     rate = frequency_ratio * np.sqrt(ks * (jl + jm) / (jl * jm))
     if rate > 2.0 * np.pi * MAX_MODE_RATE_SHARE / step:
         return None
     names = third_mass_names(drive)
     inertia, stiffness, damping = names
-    values = {**drive.values, f"{last}.inertia": (1.0 - share) * jl, inertia: share * jl,
+    values = {**drive.values, name_of(last, "inertia"): (1.0 - share) * jl, inertia: share * jl,
               stiffness: rate**2 * share * (1.0 - share) * jl, damping: 2.0 * zeta * rate * share * jl}
     longer = replace(drive, name="three-mass with a tip", bodies=(*drive.bodies, END_MASS),
-                     shafts=(*drive.shafts, stiffness.split(".")[0]), values=values)
+                     shafts=(*drive.shafts, owner_of(stiffness)), values=values)
     free = tuple(n for n in longer.quantities if n in {*task.free, *names})
     # The load's sensors stay where they were.
     return replace(task, drive=longer, free=free)

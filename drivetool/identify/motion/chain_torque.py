@@ -17,6 +17,7 @@ from drivetool.identify.motion.motion import Motion
 from drivetool.identify.motion.required_torque import TorquePart
 from drivetool.identify.setup import Roles, first_states
 from drivetool.logs import Experiment
+from drivetool.quantity import name_of, owner_of
 
 # Times all inertias of the chain: the motion of the motor by the chain's torques is then below rounding.
 IMPOSED_INERTIA_FACTOR = 1e14
@@ -32,7 +33,7 @@ def torque_of_chain(drive: Drive, free: tuple[str, ...], e: Experiment, motion: 
     drive    a chain with values; free: names of its k free parameters; empty: no sensitivities
     inputs   role -> (n,) torques on the other bodies
     """
-    own = tuple(n for n in free if not n.startswith(f"{drive.bodies[0]}."))
+    own = tuple(n for n in free if owner_of(n) != drive.bodies[0])
     columns = [free.index(n) for n in own]
     value, slopes = np.full(e.size, np.nan), np.zeros((e.size, len(free)))
     for part, run in _runs(drive, own, e, motion, inputs):
@@ -42,7 +43,7 @@ def torque_of_chain(drive: Drive, free: tuple[str, ...], e: Experiment, motion: 
         else:
             out = run.plant.outputs(run.trace, run.start)
         value[part] = _interval_mean(out[:, 0])
-    name = f"{drive.shafts[0]}.ratio"
+    name = name_of(drive.shafts[0], "ratio")
     ratio = drive.value(name)
     if name in free:
         slopes[:, free.index(name)] -= value / ratio
@@ -56,7 +57,7 @@ def initial_transient(drive: Drive, e: Experiment, motion: Motion, inputs: Mappi
         _, jacobian = run.plant.jacobian(run.trace, run.start)
         twist = run.plant.system.nq + len(drive.bodies)
         shows = np.flatnonzero(np.abs(
-            jacobian[:, 0, twist]) > TRANSIENT_THRESHOLD * drive.values[f"{drive.shafts[0]}.stiffness"])
+            jacobian[:, 0, twist]) > TRANSIENT_THRESHOLD * drive.values[name_of(drive.shafts[0], "stiffness")])
         found[part.start:part.start + (shows[-1] + 1 if len(shows) else 0)] = True
     return found
 
@@ -82,7 +83,7 @@ def _runs(drive: Drive, own: tuple[str, ...], e: Experiment, motion: Motion,
         if not np.isfinite(acceleration).all():
             continue
         speed = motion.speed[first] - 0.5 * e.step * acceleration[0]
-        torques = [moved.values[f"{motor}.inertia"] * acceleration, *(v[part] for v in inputs.values())]
+        torques = [moved.values[name_of(motor, "inertia")] * acceleration, *(v[part] for v in inputs.values())]
         trace = Trace(np.column_stack(torques), np.zeros((last - first, 1)), e.step, e.name,
                       e.offset + first * e.step, e.number,
                       start={f"{motor}.speed": speed, "angle": motion.angle[first]})
@@ -92,9 +93,9 @@ def _runs(drive: Drive, own: tuple[str, ...], e: Experiment, motion: Motion,
 def _with_imposed_motion(drive: Drive) -> Drive:
     """The drive with an imposed motor motion, without the motor's own friction."""
     motor = drive.bodies[0]
-    values = {n: v for n, v in drive.values.items() if not n.startswith(f"{motor}.")}
+    values = {n: v for n, v in drive.values.items() if owner_of(n) != motor}
     inertia = IMPOSED_INERTIA_FACTOR * max(sum(drive.inertias()), 1e-9)
-    return replace(drive, values={**values, f"{motor}.inertia": inertia, **{
+    return replace(drive, values={**values, name_of(motor, "inertia"): inertia, **{
         f"{motor}.{s}": 0.0 for s in ("viscous", "coulomb", "idle_torque")}})
 
 

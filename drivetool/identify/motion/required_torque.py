@@ -15,6 +15,7 @@ from drivetool.drive.arrays import MAX_LAW_PARAMETERS
 from drivetool.drive.effects import LAW_TORQUES
 from drivetool.errors import BadOption
 from drivetool.identify.motion.motion import Motion
+from drivetool.quantity import owner_of
 
 SIGNAL_PATHS = ("converter.bandwidth", "converter.dead_time", "sensor.bandwidth")
 
@@ -43,8 +44,8 @@ class RequiredTorque:
 def first_body(drive: Drive) -> Drive:
     """The motor's body alone, with all torques on it."""
     body = drive.bodies[0]
-    values = {n: v for n, v in drive.values.items() if n.startswith((f"{body}.", "friction."))}
-    torques = tuple(n for n in drive.known_torques if n.startswith(f"{body}."))
+    values = {n: v for n, v in drive.values.items() if owner_of(n) in (body, "friction")}
+    torques = tuple(n for n in drive.known_torques if owner_of(n) == body)
     return replace(drive, bodies=(body,), shafts=(), values=values, known_torques=torques)
 
 

@@ -38,6 +38,7 @@ from drivetool.identify.problem import Point, schur
 from drivetool.identify.setup import UNNAMED_RECORDINGS, Outcome, Task, contradicted_start_findings, problem_of
 from drivetool.identify.starts import MAX_AGREEING_LOSS, start_agrees
 from drivetool.logs import recording_sources
+from drivetool.quantity import name_of, names_of, quantity_of
 
 # Standard deviations between the values of two steps. A choice: far beyond chance, since model errors differ, too.
 MAX_PRIOR_DEVIATION = 8.0
@@ -154,7 +155,7 @@ def inconsistent_with_prior(known: Covariance | None, before: Drive, after: Driv
     off = {}
     for was, std in zip(known.names, np.sqrt(np.diag(known.matrix)), strict=True):
         # A split sum is compared with the sum of its parts.
-        parts = [f"{b}.{TOTALS[was]}" for b in after.bodies] if was in TOTALS and was not in now.names else [was]
+        parts = names_of(after.bodies, TOTALS[was]) if was in TOTALS and was not in now.names else [was]
         shares = np.array([after.referred_share(n) if len(parts) > 1 else 1.0 for n in parts])
         if was not in before.values or not set(parts) <= set(now.names):
             continue
@@ -162,7 +163,7 @@ def inconsistent_with_prior(known: Covariance | None, before: Drive, after: Driv
         value = float(shares @ [after.values[n] for n in parts])
         total = std**2 + float(shares @ now.matrix[np.ix_(index, index)] @ shares)
         z = (value - before.values[was]) / np.sqrt(total)
-        friction = own_sides and was.rpartition(".")[2] in TOTALS.values()
+        friction = own_sides and quantity_of(was) in TOTALS.values()
         if abs(z) > (MAX_FRICTION_DEVIATION if friction else MAX_PRIOR_DEVIATION):
             off[was] = f"{was} is {value:.4g}, and was {before.values[was]:.4g} +- {std:.2g}", float(z)
     if not off:
@@ -272,7 +273,7 @@ def _total_split_shifts(outcome: Outcome) -> list[np.ndarray]:
     if total not in task.free or len(task.drive.bodies) < 2:
         return []
     whole = abs(float(outcome.drive.values[total]))
-    first, last = (f"{task.drive.bodies[i]}.viscous" for i in (0, -1))
+    first, last = (name_of(task.drive.bodies[i], "viscous") for i in (0, -1))
     turns = task.drive.gear_ratios()[-1]
     drive = outcome.drive.with_values(outcome.drive.parts(total, whole))
     names = tuple(first if n == total else n for n in task.free)
@@ -289,7 +290,7 @@ def _lumped_split_shifts(outcome: Outcome) -> list[np.ndarray]:
     drive, free = outcome.drive, outcome.task.free
     if not lumped_on_last_body(drive, free, "viscous"):
         return []
-    last, between = f"{drive.bodies[-1]}.viscous", tuple(f"{b}.viscous" for b in drive.bodies[1:-1])
+    last, between = name_of(drive.bodies[-1], "viscous"), tuple(names_of(drive.bodies[1:-1], "viscous"))
     last_share, found = drive.referred_share(last), []
     for name, shift in zip(between, _shifts_per_unit(outcome, drive, free, between), strict=True):
         share = drive.referred_share(name) / last_share

@@ -15,6 +15,7 @@ from drivetool.identify.plateaus.line import FrictionLine
 from drivetool.identify.plateaus.points import SteadyPoints
 from drivetool.identify.setup import supply_of
 from drivetool.logs import Experiment
+from drivetool.quantity import owner_of
 
 MAX_PLOTTED_SAMPLES = 500  # samples of a recording that a plot resolves, a choice by its width in pixels
 
@@ -51,7 +52,7 @@ def line_parameter(name: str, key: str, task: LineTask, points: SteadyPoints, li
     """One part of the line as a parameter."""
     unit, value = drive.unit(name), line.values[key]
     start = drive.values.get(name)
-    if start is None and name.startswith("total."):
+    if start is None and owner_of(name) == "total":
         start = task.start.get(key)
     if key in line.at_bound:
         free, std = line.at_bound[key]

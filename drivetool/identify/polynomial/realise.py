@@ -12,13 +12,14 @@ from dataclasses import replace
 
 import numpy as np
 
-from drivetool.drive import Drive, state_space
+from drivetool.drive import TOTALS, Drive, state_space
 from drivetool.identify.estimate import Z95, Z95_ONE_SIDED, Covariance, Parameter
 from drivetool.identify.frequency import LineProblem
 from drivetool.identify.polynomial.cauer import chain_of
 from drivetool.identify.polynomial.pem_figures import MAX_RINGING_DAMPING, ModelFigures
 from drivetool.identify.problem import Point, solve
 from drivetool.identify.setup import HeldResponse
+from drivetool.quantity import name_of, names_of, owner_of
 
 # Frequencies at which responses are compared, a choice: several per parameter of a chain of four bodies.
 RESPONSE_POINTS = 60
@@ -49,21 +50,22 @@ def undamped_start_values(drive: Drive, f: ModelFigures) -> dict[str, float]:
     for i, body in enumerate(drive.bodies):
         if i:
             shaft, pair = drive.shafts[i - 1], f.resonances[i - 1]
-            square *= (drive.value(f"{shaft}.ratio") or 1.0) ** 2
-            found[f"{shaft}.stiffness"] = stiffnesses[i - 1] * square
-            found[f"{shaft}.damping"] = 2.0 * max(pair.damping, 0.0) / pair.rad_s * found[f"{shaft}.stiffness"]
+            square *= (drive.value(name_of(shaft, "ratio")) or 1.0) ** 2
+            found[name_of(shaft, "stiffness")] = stiffnesses[i - 1] * square
+            found[name_of(shaft, "damping")] = 2.0 * max(pair.damping,
+                                                         0.0) / pair.rad_s * found[name_of(shaft, "stiffness")]
         name, value = _inertia_or_carried_mass(drive, body, inertias[i] * square)
         found[name] = value
-        found[f"{body}.viscous"] = max(pole, 0.0) * inertias[i] * square
+        found[name_of(body, "viscous")] = max(pole, 0.0) * inertias[i] * square
     return found
 
 
 def _inertia_or_carried_mass(drive: Drive, body: str, inertia: float) -> tuple[str, float]:
     """(name, value) of the parameter that sets an inertia: the mass that a body carries, else its own inertia."""
-    if not drive.value(f"{body}.carried_mass"):
-        return f"{body}.inertia", inertia
-    radius, own = drive.value(f"{body}.radius"), drive.value(f"{body}.inertia") or 0.0
-    return f"{body}.carried_mass", max(inertia - own, 0.01 * inertia) / radius**2
+    if not drive.value(name_of(body, "carried_mass")):
+        return name_of(body, "inertia"), inertia
+    radius, own = drive.value(name_of(body, "radius")), drive.value(name_of(body, "inertia")) or 0.0
+    return name_of(body, "carried_mass"), max(inertia - own, 0.01 * inertia) / radius**2
 
 
 def conversion(drive: Drive, f: ModelFigures, differenced: int = 0) -> tuple[ChainValues, Covariance | None, str]:
@@ -100,7 +102,7 @@ def conversion(drive: Drive, f: ModelFigures, differenced: int = 0) -> tuple[Cha
 
 def ringing_frequencies(drive: Drive) -> dict[str, float]:
     """|s| of the ringing zeros and poles of the drive in continuous time [rad/s]: notch 1, ..., resonance 1, ..."""
-    mechanical = {n: v for n, v in drive.values.items() if not n.startswith(("converter", "sensor"))}
+    mechanical = {n: v for n, v in drive.values.items() if owner_of(n) not in ("converter", "sensor")}
     a, _, _, _ = state_space(replace(drive, values=mechanical))
     found = {}
     # The torque enters where the speed is measured: its zeros are the poles with that body held.
@@ -144,7 +146,7 @@ def _response_problem(drive: Drive, names: tuple[str, ...], f: ModelFigures, dif
     if differenced:
         w = 2j * np.pi * hz * f.step
         g = g * w / -np.expm1(-w)
-    mechanical = {n: v for n, v in drive.values.items() if not n.startswith(("converter", "sensor"))}
+    mechanical = {n: v for n, v in drive.values.items() if owner_of(n) not in ("converter", "sensor")}
     plain = Drive(drive.name, drive.bodies, drive.shafts, mechanical, drive.torque_unit, drive.motion_unit)
     k = len(names)
     return LineProblem(HeldResponse(plain, names, "motor_speed", f.step, hz), g, np.ones(RESPONSE_POINTS), True,
@@ -182,8 +184,7 @@ def chain_parameters(drive: Drive, found: Mapping[str, tuple[float, float | None
             ci = (max(value - Z95 * std, low), min(value + Z95 * std, high))
             lines[name] = Parameter(*common, std, ci)
     for name, value in drive.values.items():
-        total = name.partition(".")
-        if total[0] == "total" and any(f"{b}.{total[2]}" in found for b in drive.bodies):
+        if name in TOTALS and any(n in found for n in names_of(drive.bodies, TOTALS[name])):
             continue  # its parts take its place
         lines.setdefault(name, Parameter(name, float(value), drive.unit(name), float(value), status="held",
                                          reason="as given; not fitted in this step"))

@@ -5,8 +5,9 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import replace
 
-from drivetool.drive import RECORD_MARK, Drive, shared
+from drivetool.drive import Drive
 from drivetool.logs import Experiment, recording_number
+from drivetool.quantity import RECORD_MARK, record_of, shared, with_parts
 
 
 def as_recorded(drive: Drive, free: Sequence[str], number: int) -> tuple[Drive, tuple[str, ...]]:
@@ -19,22 +20,22 @@ def as_recorded(drive: Drive, free: Sequence[str], number: int) -> tuple[Drive, 
     label = next((name for name, sha in drive.records.items() if recording_number(sha) == number), None)
     if label is None:
         return drive, tuple(free)
-    own = {shared(n): n for n in (*drive.values, *free) if n.partition(RECORD_MARK)[2] == label}
+    own = {shared(n): n for n in (*drive.values, *free) if record_of(n) == label}
     values = {**drive.values, **{name: drive.values[n] for name, n in own.items() if n in drive.values}}
     names = {n: name for name, n in own.items()} | {name: f"{name}{RECORD_MARK}" for name in own}
-    constants = {shared(n): v for n, v in drive.constants.items() if n.partition(RECORD_MARK)[2] == label}
+    constants = {shared(n): v for n, v in drive.constants.items() if record_of(n) == label}
     drive = replace(drive, values=values, constants={**drive.constants, **constants})
     return drive, tuple(names.get(n, n) for n in free)
 
 
 def has_values_by_record(drive: Drive) -> bool:
     """Whether a parameter has a value of its own in some recording."""
-    return any(RECORD_MARK in n for n in drive.values)
+    return any(record_of(n) for n in drive.values)
 
 
 def free_shared_by_records(free: Sequence[str], drive: Drive, experiments: Sequence[Experiment]) -> tuple[str, ...]:
     """The free parameters without those of which every recording has a value of its own."""
     names = {sha: name for name, sha in drive.records.items()}
     labels = [names.get(e.sha256) for e in experiments]
-    return tuple(n for n in free if RECORD_MARK in n or not all(
-        label is not None and f"{n}{RECORD_MARK}{label}" in drive.values for label in labels))
+    return tuple(n for n in free if record_of(n) or not all(
+        label is not None and with_parts(n, record=label) in drive.values for label in labels))

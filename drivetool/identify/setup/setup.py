@@ -9,7 +9,7 @@ from types import MappingProxyType
 
 import numpy as np
 
-from drivetool.drive import Assembly, Drive, Layout, shared
+from drivetool.drive import Assembly, Drive, Layout
 from drivetool.drive.effects import induction, load_step
 from drivetool.drive.simulation import Plant, Trace, plant_of
 from drivetool.errors import BadOption, BadRecording, NotEnoughData
@@ -17,6 +17,7 @@ from drivetool.identify.problem import Point, Problem
 from drivetool.identify.setup.by_record import as_recorded, has_values_by_record
 from drivetool.identify.setup.supply import fed_by_voltages
 from drivetool.logs import INPUTS, Experiment, quantity
+from drivetool.quantity import name_of, owner_of, quantity_of
 
 UNNAMED_RECORDINGS = -1  # instead of a recording's number: those that are not named
 # Times its dead time, left out at the start of a stretch; a choice, since a fit may enlarge the dead time.
@@ -26,7 +27,9 @@ MIN_FINITE_SHARE = 0.5  # share of the third differences that must be finite; a 
 MIN_REVERSAL_SHARE = 0.02
 # Samples between two angles for a speed, a choice: over one sample an encoder's quantisation exceeds it.
 ANGLE_DIFFERENCE_SAMPLES = 8
-SWITCHING_SUFFIXES = (".half_gap", ".coulomb")  # parameters of contacts and sticking
+DAMPINGS = ("damping", "gap_damping", "load_damping")  # of shafts
+DAMPINGS = ("damping", "gap_damping", "load_damping")  # of shafts
+SWITCHING = ("half_gap", "coulomb")  # parameters of contacts and sticking
 
 
 @dataclass(frozen=True)
@@ -187,7 +190,7 @@ def problem_of(drive: Drive, free: Sequence[str], roles: Roles, traces: Sequence
     return Problem(
         build, free, np.array([q.bounds[0] for q in quantities]), np.array([q.bounds[1] for q in quantities]),
         np.array([q.size(*sizes) for q in quantities]), tuple(traces), np.arange(plain.nx), stds / stds[0],
-        later=np.array([n.partition(".")[0] in drive.shafts and shared(n).endswith("damping") for n in free], bool),
+        later=np.array([owner_of(n) in drive.shafts and quantity_of(n) in DAMPINGS for n in free], bool),
         bodies=len(drive.bodies),
         by_record=load_step.has_record_steps(drive.values) or has_values_by_record(drive),
         anchored=() if seen else tuple(i for i, name in enumerate(plain.states) if name == "angle"),
@@ -197,7 +200,7 @@ def problem_of(drive: Drive, free: Sequence[str], roles: Roles, traces: Sequence
 def _with_clamped_speeds(drive: Drive, trace: Trace) -> Trace:
     """The trace with known zero speeds of clamped bodies; an estimated start speed would stay constant."""
     drive = as_recorded(drive, (), trace.record)[0]
-    still = {f"{b}.speed": 0.0 for b in drive.bodies if drive.value(f"{b}.clamped")}
+    still = {f"{b}.speed": 0.0 for b in drive.bodies if drive.value(name_of(b, "clamped"))}
     return replace(trace, start={**trace.start, **still}) if still else trace
 
 
@@ -228,7 +231,7 @@ def _as_recorded_in(drive: Drive, free: Sequence[str], trace: Trace) -> tuple[Dr
 def linear_problem_of(drive: Drive, free: Sequence[str], roles: Roles, traces: Sequence[Trace]) -> Problem:
     """The same problem without gaps and Coulomb friction, for the same points."""
     free = tuple(free)
-    flat = {n: 0.0 for n in drive.quantities if shared(n).endswith(SWITCHING_SUFFIXES)}
+    flat = {n: 0.0 for n in drive.quantities if quantity_of(n) in SWITCHING}
     smooth = tuple(n for n in free if n not in flat)
 
     def build(values: np.ndarray, trace: Trace, gradient: bool, memory: float | None) -> Plant:

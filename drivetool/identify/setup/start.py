@@ -18,6 +18,7 @@ from drivetool.identify.noise import Noise, filtered_normal_equations
 from drivetool.identify.problem import Point, Problem
 from drivetool.identify.setup.by_record import as_recorded
 from drivetool.identify.setup.setup import UNNAMED_RECORDINGS, Roles, measured_states
+from drivetool.quantity import name_of, owner_of, quantity_of
 
 REST = "rest"
 # Measured values that identify a start state: as many as the guess of the start speed takes.
@@ -101,10 +102,9 @@ def _known_in_recording(start: KnownStart, drive: Drive, free: Sequence[str], ro
 def _unloaded_at_rest(shaft: int, drive: Drive, free: Sequence[str], roles: Roles) -> bool:
     """Whether a shaft carries no torque at standstill, whatever is fitted."""
     beyond = drive.bodies[shaft + 1:]
-    pulls = [n for n in drive.quantities if (owner := n.rpartition(".")[0]) in beyond
-             and n.removeprefix(f"{owner}.") not in ZERO_TORQUE_AT_REST]
+    pulls = [n for n in drive.quantities if owner_of(n) in beyond and quantity_of(n) not in ZERO_TORQUE_AT_REST]
     pulls += [total for total, suffix in TOTALS.items() if suffix not in ZERO_TORQUE_AT_REST]
-    acting = [n for n in (*pulls, f"{drive.shafts[shaft]}.half_gap")
+    acting = [n for n in (*pulls, name_of(drive.shafts[shaft], "half_gap"))
               if n in free or drive.value(n) != drive.quantity(n).neutral]
     return not acting and roles.inputs == ("motor_torque",)
 

@@ -12,6 +12,7 @@ from drivetool.drive.effects import VOLTAGES
 from drivetool.errors import BadRecording, Finding
 from drivetool.logs import Experiment
 from drivetool.logs.conditioning import read_only
+from drivetool.quantity import name_of
 
 FRAME_FREQUENCY = "motor.supply_frequency"
 PHASES = ("motor_voltage_a", "motor_voltage_b")
@@ -21,7 +22,7 @@ SUPPLY_ROLES = (*PHASES, VOLTAGE, FREQUENCY)
 
 def fed_by_voltages(drive: Drive) -> bool:
     """Whether the motor's torque follows from voltages: its magnetizing inductance is known."""
-    return bool(drive.value(f"{drive.bodies[0]}.magnetizing_inductance"))
+    return bool(drive.value(name_of(drive.bodies[0], "magnetizing_inductance")))
 
 
 def as_stator_voltages(experiments: Sequence[Experiment], drive: Drive, off_too: bool = False,

@@ -7,12 +7,13 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from drivetool.drive import Drive, shared
+from drivetool.drive import Drive
 from drivetool.drive.simulation import Trace
 from drivetool.identify.noise import Fit
 from drivetool.identify.problem import Point, Problem, Solution
 from drivetool.identify.setup.setup import Roles, linear_problem_of, problem_of, traces_of, with_trial_values
 from drivetool.logs import Experiment
+from drivetool.quantity import quantity_of
 
 
 @dataclass(frozen=True)
@@ -73,5 +74,5 @@ class Outcome:
 
 def has_gap(task: Task) -> bool:
     """Whether a gap acts or is to be fitted."""
-    return any(shared(n).endswith(".half_gap") and (n in task.free or (task.drive.value(n) or 0.0) > 0.0)
+    return any(quantity_of(n) == "half_gap" and (n in task.free or (task.drive.value(n) or 0.0) > 0.0)
                for n in task.drive.quantities)

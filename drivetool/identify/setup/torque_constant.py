@@ -5,13 +5,13 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import replace
 
-from drivetool.drive import RECORD_MARK, Drive, is_constant, shared
+from drivetool.drive import Drive, is_constant
 from drivetool.drive.effects import NAME
 from drivetool.errors import BadOption, BadParameters, BadRecording
 from drivetool.identify.setup.setup import Roles
 from drivetool.identify.setup.supply import as_stator_voltages
 from drivetool.logs import MOTOR_TORQUES, Experiment, quantity
-from drivetool.quantity import ELECTRIC_UNITS
+from drivetool.quantity import ELECTRIC_UNITS, name_of, owner_of, quantity_of, shared, with_parts
 
 # Held parameters that give torques a known size: a fit frees them by default, so one that is held, or added, is
 # known. Friction may come from a step that took the torque constant as given.
@@ -42,7 +42,7 @@ def as_torques(experiments: Sequence[Experiment], drive: Drive, free: Sequence[s
     if strange := [n for n in named if shared(n) not in {_torque_constant_name(role, drive)
                                                          for role in MOTOR_TORQUES}]:
         raise BadParameters(
-            f"a torque constant of {_torque_constant_name('motor_torque', drive).partition('.')[0]} or motor2",
+            f"a torque constant of {owner_of(_torque_constant_name('motor_torque', drive))} or motor2",
                             strange[0], "Leave it out: other torques are logged in Nm or N.")
     for e in experiments:
         roles = {} if drive.torque_unit in ELECTRIC_UNITS else electric_inputs(e)
@@ -87,7 +87,7 @@ def refuse_free_torque_constants(free: Sequence[str]) -> None:
 
 def _torque_constant_name(role: str, drive: Drive) -> str:
     """The torque constant of a motor's role."""
-    return f"{drive.bodies[0] if MOTOR_TORQUES[role] == 'motor' else MOTOR_TORQUES[role]}.{NAME}"
+    return name_of(drive.bodies[0] if MOTOR_TORQUES[role] == 'motor' else MOTOR_TORQUES[role], NAME)
 
 
 def _torque_constant_of(role: str, experiment: Experiment, drive: Drive,
@@ -99,7 +99,7 @@ def _torque_constant_of(role: str, experiment: Experiment, drive: Drive,
                            "Torque constants are of motors: write `scale` and `unit` for it in the channel map.")
     name = _torque_constant_name(role, drive)
     labels = [label for label, sha in drive.records.items() if sha == experiment.sha256]
-    names = [n for n in (*(f"{name}{RECORD_MARK}{label}" for label in labels), name) if n in drive.values]
+    names = [n for n in (*(with_parts(name, record=label) for label in labels), name) if n in drive.values]
     if not names:
         start = "a start value" if name in free_constants else "a value"
         wanted = f"{start} of {name} in {drive.torque_unit}/{unit} for {role} of {experiment.name}"
@@ -117,7 +117,7 @@ def check_torque_scale(drive: Drive, free: Sequence[str], roles: Roles, hold: Se
     torques += [r for r in roles.inputs if r not in MOTOR_TORQUES
                 or _torque_constant_name(r, drive) not in free_constants]
     held = [n for n, v in drive.values.items() if v and n not in free and drive.quantity(n).unit.startswith("{T}")
-            and (n in hold or is_constant(n) or shared(n).rpartition(".")[2] in SCALE_PARAMETERS)]
+            and (n in hold or is_constant(n) or quantity_of(n) in SCALE_PARAMETERS)]
     if free_constants and not (torques or held):
         raise BadOption(
             f"a torque of known size beside a free {min(free_constants)}",

@@ -17,7 +17,7 @@ from drivetool.identify.several.both_sides import (
     derived_swap_lines,
     swap_lines,
 )
-from drivetool.quantity import ELECTRIC_UNITS
+from drivetool.quantity import ELECTRIC_UNITS, name_of
 
 # Of the chi-square, as rare as one parameter beyond that.
 SIDES_SIGNIFICANCE = float(2.0 * norm.sf(MIN_SIGNIFICANT_RATIO))
@@ -90,13 +90,13 @@ def _check_same_drive(first: Side, second: Side) -> None:
         raise BadParameters("parameters in Nm or N: the inputs of two motors have no common unit otherwise",
                             f"{one.torque_unit} in {first.name} and {second.name}",
                             "Give each motor's torque constant, with --set motor.torque_constant=VALUE.")
-    opens = any((d.value(f"{s}.{what}") or 0.0) > 0.0 for d in (one, other) for s in d.shafts
+    opens = any((d.value(name_of(s, what)) or 0.0) > 0.0 for d in (one, other) for s in d.shafts
                 for what in ("half_gap", "gap_damping"))
     if opens and one.damping_law != other.damping_law:
         raise BadParameters("one damping_law of the gap in both files", f"{one.damping_law} in {first.name} and "
                             f"{other.damping_law} in {second.name}", "Fit both sides by the same law.")
     for mine, its in zip(one.shafts, reversed(other.shafts), strict=True):
-        _check_reciprocal_ratios(f"{mine}.ratio", first, f"{its}.ratio", second)
+        _check_reciprocal_ratios(name_of(mine, "ratio"), first, name_of(its, "ratio"), second)
 
 
 def _check_reciprocal_ratios(mine: str, first: Side, its: str, second: Side) -> None:

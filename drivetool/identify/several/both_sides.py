@@ -8,9 +8,10 @@ from math import prod
 
 import numpy as np
 
-from drivetool.drive import GEAR_RATIO_EXPONENTS, RECORD_MARK, TOTALS, Drive
+from drivetool.drive import GEAR_RATIO_EXPONENTS, TOTALS, Drive
 from drivetool.drive.effects import load_step
 from drivetool.identify.estimate import Covariance
+from drivetool.quantity import name_of, parse_name, record_of
 
 # Joint standard deviations from which on a parameter differs: by chance one of 370 does.
 MIN_SIGNIFICANT_RATIO = 3.0
@@ -93,23 +94,23 @@ def counterpart(name: str, first: Drive, second: Drive) -> tuple[str, float]:
     A shaft's torque and twist are those behind its gear: behind one of ratio n its stiffness is n^2 times that in
     front of it. Sums are referred to the motor. Parameters of a body are not referred.
     """
-    owner, _, suffix = name.partition(".")
-    if RECORD_MARK in name or owner in ("converter", "sensor"):
+    owner, suffix, _ = parse_name(name)
+    if record_of(name) or owner in ("converter", "sensor"):
         return "", 1.0
     if owner in first.bodies:
-        return f"{second.bodies[-1 - first.bodies.index(owner)]}.{suffix}", 1.0
+        return name_of(second.bodies[-1 - first.bodies.index(owner)], suffix), 1.0
     if owner in first.shafts:
         other = second.shafts[-1 - first.shafts.index(owner)]
-        ratio, quantity = second.value(f"{other}.ratio") or 1.0, first.quantity(name)
+        ratio, quantity = second.value(name_of(other, "ratio")) or 1.0, first.quantity(name)
         if suffix == "ratio":
-            return f"{other}.ratio", ratio**-2.0  # of n and 1/n
-        return f"{other}.{suffix}", quantity.size(1.0 / ratio, ratio) / quantity.scale
+            return name_of(other, "ratio"), ratio**-2.0  # of n and 1/n
+        return name_of(other, suffix), quantity.size(1.0 / ratio, ratio) / quantity.scale
     return name, _total_gear_ratio(second) ** GEAR_RATIO_EXPONENTS[TOTALS[name]] if name in TOTALS else 1.0
 
 
 def _total_gear_ratio(drive: Drive) -> float:
     """Turns of the first body for one of the last."""
-    return prod(drive.value(f"{shaft}.ratio") or 1.0 for shaft in drive.shafts)
+    return prod(drive.value(name_of(shaft, "ratio")) or 1.0 for shaft in drive.shafts)
 
 
 def swap_lines(first: Side, second: Side) -> Iterator[SwapLine]:
@@ -128,8 +129,8 @@ def swap_lines(first: Side, second: Side) -> Iterator[SwapLine]:
 
 def _why_not_compared(name: str) -> str:
     """Why a parameter of two recordings is not one of the drive; empty if it is."""
-    owner, _, suffix = name.partition(".")
-    if RECORD_MARK in name or f".{suffix}" in (*load_step.STEP_TORQUES, *load_step.STEP_TIMES,
+    owner, suffix, _ = parse_name(name)
+    if record_of(name) or suffix in (*load_step.STEP_TORQUES, *load_step.STEP_TIMES,
                                                *load_step.STEP_RECORDS):
         return ONE_RECORD
     if owner in ("converter", "sensor"):

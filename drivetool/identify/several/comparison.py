@@ -35,6 +35,7 @@ from drivetool.identify.polynomial import (
 from drivetool.identify.setup import Options, Task, roles_of
 from drivetool.identify.several.differences import Difference, between_machines, difference_findings, differences
 from drivetool.logs import Experiment, Source, number_duplicates
+from drivetool.quantity import names_of
 
 PHYSICAL = ("physical", "physical-innovations")
 STRUCTURES = (*KINDS, *PHYSICAL)
@@ -191,12 +192,12 @@ def _fit_physical(structure: str, name: str, e: Experiment, drive: Drive,
                   compared: Sequence[Experiment]) -> FittedStructure:
     """The grey box without its hold-out trials: one fit by its criterion."""
     start = drive if not drive.missing() else _with_start_values(drive, e)
-    parts = [f"{b}.viscous" for b in start.bodies]
+    parts = names_of(start.bodies, "viscous")
     start = with_totals(start, parts)
     # Friction of each body, at its own speed: with K = 0 this is the output-error model.
     start = start.with_values({p: start.value(p) or 0.0 for p in parts})
     free = tuple(n for n in start.quantities if n in {*default_free(start, compared), *parts}
-                 and not n.startswith("total.visc")
+                 and n != "total.viscous"
                 )
     task = Task(start, free, roles_of([e], start), (e,))
     outcome = by_simulation(task, 0.0, [{}]) if structure == "physical" else by_innovations(task, [{}])

@@ -16,6 +16,7 @@ import numpy as np
 
 from drivetool.drive import Drive
 from drivetool.identify.setup import Task, sensor_stds
+from drivetool.quantity import name_of
 
 # Of the largest torque, above which a shaft is in contact. A choice: the low value for a free gap, the high one for
 # a damped gap, which carries torque itself.
@@ -88,7 +89,7 @@ def _crossings_at_threshold(drive: Drive, signals: Sequence[tuple[np.ndarray, np
         return Crossings(0.0, 0.0, open_damping.factor(), closed_damping.factor(), 0)
     # The twist of the spring at both ends is not part of the gap.
     side, travel, torque, rates = np.array(ends).T
-    spring_twist = (torque - closed_damping.factor() * rates) / drive.values[f"{drive.shafts[0]}.stiffness"]
+    spring_twist = (torque - closed_damping.factor() * rates) / drive.values[name_of(drive.shafts[0], "stiffness")]
     half = 0.5 * side * (travel - spring_twist)
     median = float(np.median(half))
     return Crossings(median, float(np.median(np.abs(half - median))), open_damping.factor(),
@@ -124,9 +125,9 @@ def _twist_rate(drive: Drive, speed: np.ndarray, torque: np.ndarray, load_torque
                 step: float) -> np.ndarray:
     """(n,) speed of the twist: the motor's less the load's, which the shaft torque drives against a load torque."""
     load = drive.bodies[1]
-    inertia, viscous = drive.inertias()[1], drive.known_value(f"{load}.viscous") or 0.0
-    idle = (drive.known_value(f"{load}.idle_torque")
-            or 0.0) + np.sign(speed) * (drive.known_value(f"{load}.coulomb") or 0.0)
+    inertia, viscous = drive.inertias()[1], drive.known_value(name_of(load, "viscous")) or 0.0
+    idle = (drive.known_value(name_of(load, "idle_torque"))
+            or 0.0) + np.sign(speed) * (drive.known_value(name_of(load, "coulomb")) or 0.0)
     net = (torque - viscous * speed - idle - load_torque) / inertia
     found = speed - np.concatenate([[speed[0]], speed[0] + step * np.cumsum(0.5 * (net[1:] + net[:-1]))])
     centres, offsets = [], []
@@ -134,7 +135,7 @@ def _twist_rate(drive: Drive, speed: np.ndarray, torque: np.ndarray, load_torque
         span = step * (b - 1 - a)
         centres.append(0.5 * (a + b - 1))
         offsets.append(float(np.trapezoid(found[a:b], dx=step)) / span
-                       - (torque[b - 1] - torque[a]) / drive.values[f"{drive.shafts[0]}.stiffness"] / span)
+                       - (torque[b - 1] - torque[a]) / drive.values[name_of(drive.shafts[0], "stiffness")] / span)
     if not centres:
         return found
     order = np.argsort(centres)

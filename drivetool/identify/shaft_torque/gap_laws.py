@@ -13,7 +13,7 @@ from typing import get_args
 
 import numpy as np
 
-from drivetool.drive import RECORD_MARK, DampingLaw, is_constant
+from drivetool.drive import DampingLaw, is_constant
 from drivetool.errors import DriveToolError, Finding
 from drivetool.identify.noise import (
     MAX_REPEATED_FITS,
@@ -26,6 +26,7 @@ from drivetool.identify.noise import (
 from drivetool.identify.setup import Options, Outcome, Task, first_point
 from drivetool.identify.shaft_torque.dead_stretches import Crossings, crossings
 from drivetool.identify.starts import log_likelihood_distance
+from drivetool.quantity import name_of, record_of
 
 MIN_LAW_LEAD = 7.0  # log likelihood by which one law must lead: odds of a thousand to one
 # Of the contact's damping, as start values: the dead stretches identify it to a third.
@@ -63,12 +64,12 @@ def both_laws(task: Task, options: Options) -> BothLaws | None:
     if len(task.drive.shafts) != 1 or options.criterion not in ("auto", "innovations"):
         return None
     shaft = task.drive.shafts[0]
-    if f"{shaft}.half_gap" not in task.free or any(RECORD_MARK in n for n in (*task.free, *task.drive.values)):
+    if name_of(shaft, "half_gap") not in task.free or any(record_of(n) for n in (*task.free, *task.drive.values)):
         return None
     seen = crossings(task)
     if not seen:
         return None
-    names = {f"{shaft}.half_gap", f"{shaft}.damping"} - set(options.hold)
+    names = {name_of(shaft, "half_gap"), name_of(shaft, "damping")} - set(options.hold)
     with_prior = [] if options.known is None else [
         n for n in options.known.names if n in task.drive.values and n not in options.hold and not is_constant(n)]
     each: dict[str, Outcome] = {}
@@ -96,10 +97,10 @@ def both_laws_from(outcome: Outcome, options: Options) -> BothLaws | None:
     """
     task = outcome.task.at_point(outcome.solution.point)
     shafts = task.drive.shafts
-    gap, damping = f"{shafts[0]}.half_gap", f"{shafts[0]}.damping"
+    gap, damping = name_of(shafts[0], "half_gap"), name_of(shafts[0], "damping")
     if len(shafts) != 1 or options.criterion not in ("auto", "innovations") or outcome.fit is None \
             or not outcome.converged or gap not in task.free or not task.drive.value(damping) \
-            or not task.drive.value(gap) or any(RECORD_MARK in n for n in (*task.free, *task.drive.values)):
+            or not task.drive.value(gap) or any(record_of(n) for n in (*task.free, *task.drive.values)):
         return None
     names = {*task.free, damping} - set(options.hold)
     free = tuple(n for n in task.drive.quantities if n in names)
@@ -119,10 +120,11 @@ def both_laws_from(outcome: Outcome, options: Options) -> BothLaws | None:
 
 def _law_starts(task: Task, shaft: str, law: DampingLaw, seen: Crossings, names: set[str]) -> list[Task]:
     """Start tasks of a law: with the gap of the dead stretches, and their damping if it is free."""
-    name = f"{shaft}.damping"
+    name = name_of(shaft, "damping")
     first = [seen.open] if law == "always" else []
     values = [v for v in (*first, *(share * seen.closed for share in START_DAMPING_SHARES)) if v > 0.0]
-    start = replace(task, drive=replace(task.drive, damping_law=law)).at({f"{shaft}.half_gap": seen.half_gap})
+    start = replace(task,
+                    drive=replace(task.drive, damping_law=law)).at({name_of(shaft, "half_gap"): seen.half_gap})
     return [start.at({name: v}) for v in dict.fromkeys(values)] if name in names and values else [start]
 
 
@@ -180,10 +182,10 @@ def gap_law_finding(both: BothLaws, shaft: str, converged: bool = True) -> Findi
     """Which law the record supports, with both results; converged: whether the reported fit converged."""
     evidence: dict[str, float] = {}
     drive = both.outcome.drive
-    units = [drive.unit(f"{shaft}.{n}") for n in ("half_gap", "damping")]
+    units = [drive.unit(name_of(shaft, n)) for n in ("half_gap", "damping")]
     for law, o in both.each.items():
-        evidence |= {f"half_gap_{law}": o.drive.values[f"{shaft}.half_gap"],
-                     f"damping_{law}": o.drive.value(f"{shaft}.damping") or 0.0}
+        evidence |= {f"half_gap_{law}": o.drive.values[name_of(shaft, "half_gap")],
+                     f"damping_{law}": o.drive.value(name_of(shaft, "damping")) or 0.0}
     law = drive.damping_law
     sizes = ", ".join(f"{name}: half gap {evidence[f'half_gap_{name}']:.4g} {units[0]}, damping "
                       f"{evidence[f'damping_{name}']:.3g} {units[1]}{'' if o.converged else ', not converged'}"
@@ -219,7 +221,7 @@ def gap_law_findings(both: BothLaws | None, outcome: Outcome, free: Sequence[str
     if both is None:
         return []
     more = [n for n in outcome.task.free if n not in free]
-    if both.seen is None and f"{outcome.drive.shafts[0]}.damping" not in more:  # the fit is as requested
+    if both.seen is None and name_of(outcome.drive.shafts[0], "damping") not in more:  # the fit is as requested
         more = []
     return [gap_law_finding(both, outcome.drive.shafts[0], converged), *([] if not more else [Finding(
         "note", "gap-refit",

@@ -11,7 +11,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from drivetool.drive import RECORD_MARK, TOTALS, Drive, shared
+from drivetool.drive import TOTALS, Drive
 from drivetool.errors import Finding
 from drivetool.identify.estimate import Z95, Covariance, Estimate, Parameter, covariance_of
 from drivetool.identify.fit import (
@@ -25,11 +25,12 @@ from drivetool.identify.fit import (
 from drivetool.identify.laws import Explanation
 from drivetool.identify.outcome import held_value_sensitivity
 from drivetool.identify.setup import Options, Outcome, Roles
+from drivetool.quantity import quantity_of, record_of, shared
 
 
 def has_sides(drive: Drive, roles: Roles, options: Options) -> bool:
     """Whether each body has a side of a measured shaft to itself, and no sum was requested."""
-    named = {shared(n) for n in (*options.free, *options.hold, *(n for n in drive.values if RECORD_MARK in n))}
+    named = {shared(n) for n in (*options.free, *options.hold, *(n for n in drive.values if record_of(n)))}
     return len(drive.bodies) == 2 and any(r.endswith("_torque") for r in roles.outputs) and not set(TOTALS) & named
 
 
@@ -69,7 +70,7 @@ def _unidentified_parts(outcome: Outcome, before: Drive, suffix: str) -> dict[st
     covariance, inflation, _ = covariance_of(outcome.problem, outcome.solution)
     found = {}
     for j, name in enumerate(outcome.problem.names):
-        if not name.endswith(f".{suffix}"):
+        if quantity_of(name) != suffix:
             continue
         size = abs(before.value(name) or 0.0)
         if suffix == "idle_torque":
@@ -94,7 +95,7 @@ def with_friction_of_file(estimate: Estimate, outcome: Outcome, options: Options
     if found is None:
         return estimate
     moved, held = found
-    names = {n for n in free if n not in outcome.task.free and n.endswith(tuple(TOTALS.values()))} & set(held.names)
+    names = {n for n in free if n not in outcome.task.free and quantity_of(n) in TOTALS.values()} & set(held.names)
     if not names:
         return estimate
     order = outcome.task.free

@@ -2,7 +2,7 @@ from .attempts import attempt_or_none as attempt_or_none, without_failed as with
 from .cross_entropy_search import search_from_prior as search_from_prior
 from .partial_record_restarts import restart_from_partial_records as restart_from_partial_records
 from .process_noise_continuation import (
-    SHAPE_SUFFIXES as SHAPE_SUFFIXES,
+    SHAPE_QUANTITIES as SHAPE_QUANTITIES,
     choose_gap_sides as choose_gap_sides,
     continue_in_process_noise as continue_in_process_noise,
     frozen_observers as frozen_observers,

@@ -27,6 +27,7 @@ from drivetool.identify.starts.search import (
     free_values,
     screening_values,
 )
+from drivetool.quantity import names_of, quantity_of, with_parts
 
 MAX_CROSS_ENTROPY_SEARCHES = 4  # searches at most, a choice that bounds the time where no two agree
 # Draws in the first round and in each later one, a choice: later ones fill less room.
@@ -99,11 +100,11 @@ def draw_transform(task: Task, prior: Covariance) -> DrawTransform:
     """The transform that draws the free parameters of a task from a prior with this covariance."""
     drive, sums = task.drive, {}
     for total, suffix in TOTALS.items():
-        parts = [f"{b}.{suffix}" for b in drive.bodies]
+        parts = names_of(drive.bodies, suffix)
         if total in prior.names and all(p in task.free for p in parts):
             sums[total] = {p: n ** GEAR_RATIO_EXPONENTS[suffix]
                            for p, n in zip(parts, drive.gear_ratios(), strict=True)}
-    index = [i for i, n in enumerate(prior.names) if prior.matrix[i, i] > 0.0 and not n.endswith(".half_gap")
+    index = [i for i, n in enumerate(prior.names) if prior.matrix[i, i] > 0.0 and quantity_of(n) != "half_gap"
              and (n in sums or (n in task.free and n in drive.values))]
     names = tuple(prior.names[i] for i in index)
     mean = np.array([drive.referred_to_motor(TOTALS[n]) if n in sums else drive.values[n] for n in names])
@@ -111,8 +112,8 @@ def draw_transform(task: Task, prior: Covariance) -> DrawTransform:
     std = np.sqrt(np.diag(matrix))
     root = std[:, None] * np.linalg.cholesky(matrix / np.outer(std, std) + 1e-9 * np.eye(len(std)))
     torque = float(np.nanstd(np.concatenate([e.signals["motor_torque"] for e in task.experiments])))
-    gaps = {n: torque / drive.values[n.removesuffix("half_gap") + "stiffness"]
-            for n in task.free if n.endswith(".half_gap")}
+    gaps = {n: torque / drive.values[with_parts(n, quantity="stiffness")]
+            for n in task.free if quantity_of(n) == "half_gap"}
     return DrawTransform(task, names, mean, root, sums, gaps)
 
 

@@ -21,8 +21,9 @@ import numpy as np
 from drivetool.drive.simulation import ObserverGains, Trace
 from drivetool.identify.noise import Noise, filtered, unit_noise_ratio
 from drivetool.identify.problem import Point, Problem, take_steps
+from drivetool.quantity import quantity_of
 
-SHAPE_SUFFIXES = (".inertia", ".stiffness", ".damping", ".half_gap")  # positive parameters of known magnitude
+SHAPE_QUANTITIES = ("inertia", "stiffness", "damping", "half_gap")  # positive parameters of known magnitude
 # Factor by which a shape parameter may leave its start, a choice: beyond, an observer fits anything.
 MAX_SHAPE_FACTOR = 3.0
 # Factor of the noise from stage to stage, a choice: a larger one loses the optimum between two stages.
@@ -117,7 +118,7 @@ def with_bounded_inertias_and_stiffnesses(problem: Problem, point: Point, share:
     """The problem with its shape parameters kept within a factor of where they are."""
     low, high = problem.low.copy(), problem.high.copy()
     for j, name in enumerate(problem.names):
-        if name.endswith(SHAPE_SUFFIXES) and point.values[j] > 0.0:
+        if quantity_of(name) in SHAPE_QUANTITIES and point.values[j] > 0.0:
             low[j] = max(low[j], point.values[j] / share)
             high[j] = min(high[j], point.values[j] * share)
     return replace(problem, low=low, high=high)

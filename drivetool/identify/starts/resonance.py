@@ -13,7 +13,8 @@ import numpy as np
 
 from drivetool.identify.noise import Fit, Noise, filtered, first_samples_of, fit_ratio, minus_log_likelihood
 from drivetool.identify.problem import Point, Problem, take_steps
-from drivetool.identify.starts.process_noise_continuation import SHAPE_SUFFIXES
+from drivetool.identify.starts.process_noise_continuation import SHAPE_QUANTITIES
+from drivetool.quantity import quantity_of
 
 STIFFNESS_FACTOR_RANGE = 2.5  # factor by which a start value of the stiffness may be wrong, a choice
 STIFFNESS_GRID_SIZE = 31  # grid points: 3.1 % in frequency from one to the next, as narrow as the peak
@@ -34,7 +35,7 @@ def resonance_starts(problem: Problem, initial: Point, fit: Fit) -> list[tuple[P
     fit      whose sum of the inertias, friction and noise are better than those of the start
     returns  the likeliest first; none where no point may exceed the fit
     """
-    stiff = [j for j, n in enumerate(problem.names) if n.endswith(".stiffness") and initial.values[j] > 0.0]
+    stiff = [j for j, n in enumerate(problem.names) if quantity_of(n) == "stiffness" and initial.values[j] > 0.0]
     part, initial = first_samples_of(problem, MAX_GRID_SAMPLES), _with_totals_of(problem, initial, fit.point)
     fit_value = _value_or_inf(part, fit.point, fit.noise)
     found: list[tuple[float, Point]] = []
@@ -53,9 +54,9 @@ def resonance_starts(problem: Problem, initial: Point, fit: Fit) -> list[tuple[P
 def _with_totals_of(problem: Problem, initial: Point, known: Point) -> Point:
     """The shape and the start states of one point, the sum of the inertias and the friction of another."""
     values = known.values.copy()
-    shape = [j for j, n in enumerate(problem.names) if n.endswith(SHAPE_SUFFIXES)]
+    shape = [j for j, n in enumerate(problem.names) if quantity_of(n) in SHAPE_QUANTITIES]
     values[shape] = initial.values[shape]
-    inertias = [j for j, n in enumerate(problem.names) if n.endswith(".inertia")]
+    inertias = [j for j, n in enumerate(problem.names) if quantity_of(n) == "inertia"]
     if inertias:
         values[inertias] *= known.values[inertias].sum() / values[inertias].sum()
     return Point(values, initial.starts)

@@ -13,6 +13,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from drivetool.identify.setup import Task
+from drivetool.quantity import name_of, quantity_of
 
 FILTER_PERIODS = 2.0  # length of the filter in periods of the slowest resonance, a choice: its triangle damps them
 # Share of the filter's window in one direction, a choice: a reversal mixes both signs of friction.
@@ -32,9 +33,10 @@ def scaled_to_totals(task: Task) -> Task:
     if found is None:
         return task
     new: dict[str, float] = {}
-    carried = sum(task.drive.inertias()) - sum(task.drive.value(f"{b}.inertia") or 0.0 for b in task.drive.bodies)
+    carried = sum(task.drive.inertias()) - sum(task.drive.value(name_of(b, "inertia")) or 0.0
+                                               for b in task.drive.bodies)
     for suffix, (value, std) in found.items():
-        names = [n for n in task.drive.quantities if n.endswith(f".{suffix}")
+        names = [n for n in task.drive.quantities if quantity_of(n) == suffix
                  and (n in task.drive.values or n in task.free)]
         free = [n for n in names if n in task.free]
         rest = value - sum(task.drive.value(n) or 0.0 for n in names if n not in free)
@@ -50,7 +52,7 @@ def scaled_to_totals(task: Task) -> Task:
 def regressed_totals(task: Task) -> dict[str, tuple[float, float]] | None:
     """(value, std) of the sums over all bodies, by robust regression; None if they are not identifiable."""
     drive, role = task.drive, task.roles.outputs[0]
-    ratios = [drive.value(f"{s}.ratio") for s in drive.shafts]
+    ratios = [drive.value(name_of(s, "ratio")) for s in drive.shafts]
     if task.roles.inputs != ("motor_torque",) or not role.startswith("motor") or any(r != 1.0 for r in ratios):
         return None
     window = FILTER_PERIODS / slowest_resonance(task)
@@ -76,7 +78,7 @@ def slowest_resonance(task: Task) -> float:
     stiffness = np.zeros((len(inertia), len(inertia)))
     for k, shaft in enumerate(drive.shafts):
         both = np.array([1.0, -1.0])
-        stiffness[k:k + 2, k:k + 2] += drive.value(f"{shaft}.stiffness") * np.outer(both, both)
+        stiffness[k:k + 2, k:k + 2] += drive.value(name_of(shaft, "stiffness")) * np.outer(both, both)
     root = np.sqrt(np.outer(inertia, inertia))
     squares = np.linalg.eigvalsh(stiffness / root)
     return float(np.sqrt(squares[1])) / 2.0 / np.pi if len(inertia) > 1 else 10.0

@@ -19,9 +19,10 @@ from drivetool.identify.noise import Noise, first_samples_of, unit_noise_ratio
 from drivetool.identify.problem import Point, Problem, Solution, schur
 from drivetool.identify.setup import Outcome, Task, first_point
 from drivetool.identify.starts.attempts import attempt_or_none, without_failed
-from drivetool.identify.starts.process_noise_continuation import SHAPE_SUFFIXES, frozen_observers, frozen_value
+from drivetool.identify.starts.process_noise_continuation import SHAPE_QUANTITIES, frozen_observers, frozen_value
 from drivetool.identify.starts.rigid_body_regression import scaled_to_totals
 from drivetool.progress import counted
+from drivetool.quantity import quantity_of
 
 # Log likelihood between two ends that agree, a choice: descents stop some units from the optimum.
 MAX_AGREEING_LOSS = 5.0
@@ -152,10 +153,10 @@ def minimum_or_inf(values: Sequence[float]) -> float:
 
 def _with_varied_shape(task: Task, rng: np.random.Generator) -> Task:
     """Other shape parameters, the sum of the inertias kept."""
-    names = [n for n in task.free if n.endswith(SHAPE_SUFFIXES) and (task.drive.value(n) or 0.0) > 0.0]
+    names = [n for n in task.free if quantity_of(n) in SHAPE_QUANTITIES and (task.drive.value(n) or 0.0) > 0.0]
     factors = np.exp(SHAPE_DRAW_STD * rng.standard_normal(len(names)))
     new = {n: task.drive.value(n) * f for n, f in zip(names, factors, strict=True)}
-    inertias = [n for n in names if n.endswith(".inertia")]
+    inertias = [n for n in names if quantity_of(n) == "inertia"]
     if inertias:
         share = sum(task.drive.value(n) for n in inertias) / sum(new[n] for n in inertias)
         new |= {n: new[n] * share for n in inertias}

@@ -29,6 +29,7 @@ from drivetool.identify.plateaus import (
 )
 from drivetool.identify.setup import Options, at_rates, refuse_free_torque_constants
 from drivetool.logs import Experiment, recording_sources
+from drivetool.quantity import name_of, names_of, owner_of, quantity_of
 
 
 def steady(experiments: Sequence[Experiment], drive: Drive, options: Options) -> Estimate:
@@ -83,7 +84,7 @@ def steady(experiments: Sequence[Experiment], drive: Drive, options: Options) ->
 def _check_options(drive: Drive, options: Options) -> None:
     """Refuse options of no method of this step, and those of a coast-down where it was not requested."""
     start = options.start
-    if start.rest or start.states or start.records or any(drive.value(f"{b}.clamped") for b in drive.bodies):
+    if start.rest or start.states or start.records or any(drive.value(name_of(b, "clamped")) for b in drive.bodies):
         raise BadOption("no start state and no clamp in steady", "one of them",
                         "Leave it out: the start of every stretch is fitted.")
     for option, requested in (("--flux-decay", options.flux_decay is not None), ("--stages", bool(options.stages))):
@@ -122,7 +123,7 @@ def _line_tasks(intervals: Sequence[SteadyInterval], drive: Drive, options: Opti
     if not split:
         return [_line_task("motor_torque", "motor_speed", None, drive, options)]
     # At a steady speed the shaft turns with the motor, so the motor's speed will do for the load.
-    ratio = drive.value(f"{drive.shafts[0]}.ratio")
+    ratio = drive.value(name_of(drive.shafts[0], "ratio"))
     load = "load_speed" if all("load_speed" in i.signals for i in intervals) else "motor_speed"
     if ratio != 1.0:
         raise BadOption("a direct shaft to use its torque", f"a ratio of {ratio:g}",
@@ -138,7 +139,7 @@ def _line_task(torque: str, speed: str, body: str | None, drive: Drive, options:
     bodies = drive.bodies if body is None else (body,)
     for key in LINE_KEYS:
         total = f"total.{key}"
-        parts = [f"{b}.{key}" for b in bodies]
+        parts = names_of(bodies, key)
         free_parts = [part for part in parts if part not in options.hold]
         known = any(part in drive.values for part in parts)
         value = drive.values.get(total) if body is None and total in drive.values else \
@@ -146,10 +147,10 @@ def _line_task(torque: str, speed: str, body: str | None, drive: Drive, options:
         if (body is None and total in options.hold) or not free_parts:
             names[key], held[key] = None, value or 0.0
             continue
-        carried[key] = drive.referred_to_motor(key, [b for b in bodies if f"{b}.{key}" in options.hold])
+        carried[key] = drive.referred_to_motor(key, [b for b in bodies if name_of(b, key) in options.hold])
         if key == "coulomb" or len(free_parts) == 1:
             names[key] = free_parts[0]
-            owner = free_parts[0].rpartition(".")[0]
+            owner = owner_of(free_parts[0])
             if drive.gear_ratios()[drive.bodies.index(owner)] != 1.0:
                 raise BadOption(f"the friction of {drive.bodies[0]} free in a drive with a gear",
                                 f"only {free_parts[0]} free",
@@ -179,14 +180,14 @@ def _steady_estimate(experiments: Sequence[Experiment], drive: Drive, options: O
     task, points, _ = results[0]
     if task.body is None and task.names["coulomb"] is not None:
         # One body stands for all; the values of the others would count twice.
-        values |= {name: 0.0 for name in (f"{body}.coulomb" for body in drive.bodies)
+        values |= {name: 0.0 for name in names_of(drive.bodies, "coulomb")
                    if drive.values.get(name) and name not in (task.names["coulomb"], *options.hold)}
         findings += coulomb_body_findings(task, drive)
     findings += _magnitude_findings(experiments)
     parameters += [
         Parameter(name, drive.value(name), drive.unit(name), drive.values.get(name), status="held",
                   reason="held by --hold")
-        for name in drive.quantities if name in options.hold and name.rpartition(".")[2] in LINE_KEYS]
+        for name in drive.quantities if name in options.hold and quantity_of(name) in LINE_KEYS]
     order = list(drive.quantities)
     rmse = float(np.sqrt(np.mean([line.rmse**2 for *_, line in results])))
     levels = len(set(points.levels))

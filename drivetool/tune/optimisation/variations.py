@@ -12,6 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from drivetool.drive import Drive, resonances
+from drivetool.quantity import name_of
 from drivetool.tune.optimisation.scenarios import loop_figures
 from drivetool.tune.speed_loop import Settings, Wiring, build
 
@@ -41,10 +42,11 @@ def changed_drives(drive: Drive) -> Iterator[tuple[str, Drive]]:
     yield "nominal", drive
     for shaft in drive.shafts:
         for percent in (-20, 20):
-            yield f"{shaft}.stiffness {percent:+d} %", _scaled(drive, f"{shaft}.stiffness", 1.0 + percent / 100.0)
+            yield f"{shaft}.stiffness {percent:+d} %", _scaled(drive, name_of(shaft, "stiffness"),
+                                                               1.0 + percent / 100.0)
     last = drive.bodies[-1]
     for percent in (-20, 20) if len(drive.bodies) > 1 else ():
-        yield f"{last}.inertia {percent:+d} %", _scaled(drive, f"{last}.inertia", 1.0 + percent / 100.0)
+        yield f"{last}.inertia {percent:+d} %", _scaled(drive, name_of(last, "inertia"), 1.0 + percent / 100.0)
     if drive.value("converter.dead_time"):
         yield "converter.dead_time doubled", _scaled(drive, "converter.dead_time", 2.0)
     first = drive.bodies[0]
@@ -56,14 +58,14 @@ def lighter_motor(drive: Drive, share: float = 0.8) -> Drive:
 
     Damping changes with stiffness, which also keeps the damping ratio.
     """
-    changed = _scaled(drive, f"{drive.bodies[0]}.inertia", share)
+    changed = _scaled(drive, name_of(drive.bodies[0], "inertia"), share)
     if not drive.shafts:
         return changed
     before, after = (min(m.frequency_hz for m in resonances(d) if m.kind == "resonance") for d in (drive, changed))
     factor = float(np.square(before / after))
     for shaft in drive.shafts:
         for suffix in ("stiffness", "damping"):
-            changed = _scaled(changed, f"{shaft}.{suffix}", factor)
+            changed = _scaled(changed, name_of(shaft, suffix), factor)
     return changed
 
 

@@ -14,6 +14,7 @@ import numpy as np
 
 from drivetool.drive import MOTOR_TORQUE, Assembly, Layout
 from drivetool.drive.simulation import Plant
+from drivetool.quantity import name_of
 from drivetool.tune.simulation.nonlinear import closed_loop, has_gap, is_nonlinear, simulate_loop, steady_state
 from drivetool.tune.speed_loop import Loop, Settings, build, rate_range
 
@@ -78,7 +79,7 @@ def disturbance_responses(loop: Loop, settings: Settings) -> tuple[DisturbanceRe
     situations = [(loop, NO_SHAFT_TORQUE, speed, no_shaft_torque)]
     if idle:
         situations.append((loop, "no load torque but the idle torque, moving", speed, 0.0))
-    if any((at_standstill.drive.value(f"{b}.coulomb") or 0.0) for b in at_standstill.drive.bodies):
+    if any((at_standstill.drive.value(name_of(b, "coulomb")) or 0.0) for b in at_standstill.drive.bodies):
         situations.append((at_standstill, "at standstill", 0.0, 0.0))
     return tuple(_watch_situation(own, settings, name, at, load, kick_unit) for own, name, at, load in situations)
 
@@ -87,7 +88,7 @@ def idle_load(loop: Loop) -> float:
     """Constant torque in the last shaft when the load turns at the working point with no load torque."""
     plain = Assembly(loop.drive, Layout((), (MOTOR_TORQUE,), (), 1.0, gradient=False))
     last = len(loop.drive.bodies) - 1
-    coulomb = loop.drive.value(f"{loop.drive.bodies[-1]}.coulomb") or 0.0
+    coulomb = loop.drive.value(name_of(loop.drive.bodies[-1], "coulomb")) or 0.0
     return float(plain.of_body(last, "idle_torque").v + np.copysign(coulomb, loop.wiring.speed))
 
 
@@ -95,8 +96,8 @@ def _kick_unit(loop: Loop) -> float:
     """One gap per radian of the lowest resonance; without a gap, the twist by the Coulomb friction."""
     drive = loop.drive
     slow, _ = rate_range(drive, loop.wiring)
-    gaps = [drive.value(f"{s}.half_gap") or 0.0 for s in drive.shafts]
-    twists = [(drive.value(f"{b}.coulomb") or 0.0) / drive.value(f"{s}.stiffness")
+    gaps = [drive.value(name_of(s, "half_gap")) or 0.0 for s in drive.shafts]
+    twists = [(drive.value(name_of(b, "coulomb")) or 0.0) / drive.value(name_of(s, "stiffness"))
               for b in drive.bodies for s in drive.shafts]
     return slow * (max(gaps) if max(gaps) > 0.0 else max(max(twists), 1e-9))
 
@@ -214,7 +215,7 @@ def safe_gain(loop: Loop, settings: Settings) -> float | None:
 
 def _stable_at_all_stiffnesses(loop: Loop, settings: Settings) -> bool:
     """Whether the closed loop is stable at every effective stiffness of the shafts with a gap."""
-    gaps = [s for s in loop.drive.shafts if (loop.drive.value(f"{s}.half_gap") or 0.0) > 0.0]
+    gaps = [s for s in loop.drive.shafts if (loop.drive.value(name_of(s, "half_gap")) or 0.0) > 0.0]
     for share in STIFFNESS_SHARES:
         soft = {f"{s}.{k}": share * loop.drive.value(f"{s}.{k}") for s in gaps for k in ("stiffness", "damping")}
         matrix = build(loop.drive.with_values(soft), loop.wiring).matrix(settings)

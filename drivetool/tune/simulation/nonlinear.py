@@ -13,6 +13,7 @@ import numpy as np
 from drivetool.drive import MOTOR_TORQUE, Assembly, Drive, Layout
 from drivetool.drive.arrays import System
 from drivetool.drive.simulation import Plant, Trace
+from drivetool.quantity import name_of
 from drivetool.tune.speed_loop import Loop, Settings, chain_alone, mechanics, steady_torques
 
 REFERENCE_COLUMN, LOAD_COLUMN = 0, 1  # columns of the inputs
@@ -20,12 +21,12 @@ REFERENCE_COLUMN, LOAD_COLUMN = 0, 1  # columns of the inputs
 
 def is_nonlinear(drive: Drive) -> bool:
     """Whether a gap or Coulomb friction acts."""
-    return has_gap(drive) or any((drive.value(f"{b}.coulomb") or 0.0) > 0.0 for b in drive.bodies)
+    return has_gap(drive) or any((drive.value(name_of(b, "coulomb")) or 0.0) > 0.0 for b in drive.bodies)
 
 
 def has_gap(drive: Drive) -> bool:
     """Whether any shaft has a gap."""
-    return any((drive.value(f"{s}.half_gap") or 0.0) > 0.0 for s in drive.shafts)
+    return any((drive.value(name_of(s, "half_gap")) or 0.0) > 0.0 for s in drive.shafts)
 
 
 def closed_loop(loop: Loop, settings: Settings, step: float, outputs: Sequence[str] = ()) -> Plant:
@@ -56,8 +57,8 @@ def steady_state(loop: Loop, settings: Settings, speed: float, load: float = 0.0
     state[:n] = speed / np.array(drive.gear_ratios())
     shafts, torque = steady_torques(drive, speed, load, float(np.sign(speed)))
     for k, (shaft, shaft_torque) in enumerate(zip(drive.shafts, shafts, strict=True)):
-        half = drive.value(f"{shaft}.half_gap") or 0.0
-        state[n + k] = shaft_torque / drive.value(f"{shaft}.stiffness") + half * np.sign(shaft_torque)
+        half = drive.value(name_of(shaft, "half_gap")) or 0.0
+        state[n + k] = shaft_torque / drive.value(name_of(shaft, "stiffness")) + half * np.sign(shaft_torque)
     return _with_controller(loop, settings, state, speed, torque)
 
 

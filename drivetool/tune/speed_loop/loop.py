@@ -20,6 +20,7 @@ import numpy as np
 
 from drivetool.drive import MOTOR_TORQUE, Drive, linear_drive, state_space
 from drivetool.errors import BadParameters
+from drivetool.quantity import name_of, owner_of
 from drivetool.tune.speed_loop.working_point import at_working_point
 
 Configuration = Literal["siso", "miso", "mimo"]
@@ -218,7 +219,7 @@ def build(drive: Drive, wiring: Wiring) -> Loop:
 def chain_alone(drive: Drive) -> Drive:
     """The chain alone, without torque path and sensor."""
     return replace(drive, values={
-        k: v for k, v in drive.values.items() if not k.startswith(("converter.", "sensor."))})
+        k: v for k, v in drive.values.items() if owner_of(k) not in ("converter", "sensor")})
 
 
 def mechanics(drive: Drive, wiring: Wiring) -> tuple[np.ndarray, np.ndarray]:
@@ -269,7 +270,7 @@ def lag(drive: Drive, owner: Literal["converter", "sensor"]) -> Lag:
 
     raises  BadParameters: an order that is not 1 or 2
     """
-    w, zeta, order = (drive.value(f"{owner}.{k}") for k in ("bandwidth", "damping", "order"))
+    w, zeta, order = (drive.value(name_of(owner, k)) for k in ("bandwidth", "damping", "order"))
     if order not in (1.0, 2.0):
         raise BadParameters(f"{owner}.order of 1 or 2", f"{order:g}", "Correct it.")
     return Lag(np.inf if w is None else w, zeta, int(order))
@@ -318,9 +319,9 @@ def shaft_torque_row(drive: Drive) -> np.ndarray:
     """Torque in the last shaft over speeds and twists."""
     nb, last = len(drive.bodies), drive.shafts[-1]
     row = np.zeros(2 * nb - 1)
-    row[-1] = drive.value(f"{last}.stiffness")
-    damping = drive.value(f"{last}.damping")
-    row[nb - 2], row[nb - 1] = damping / drive.value(f"{last}.ratio"), -damping
+    row[-1] = drive.value(name_of(last, "stiffness"))
+    damping = drive.value(name_of(last, "damping"))
+    row[nb - 2], row[nb - 1] = damping / drive.value(name_of(last, "ratio")), -damping
     return row
 
 

@@ -14,9 +14,10 @@ from types import MappingProxyType
 import numpy as np
 from scipy.optimize import brentq
 
-from drivetool.drive import MOTOR_TORQUE, RECORD_MARK, TOTALS, Assembly, Drive, Law, Layout
+from drivetool.drive import MOTOR_TORQUE, TOTALS, Assembly, Drive, Law, Layout
 from drivetool.drive.effects import LAW_TORQUES
 from drivetool.errors import BadParameters
+from drivetool.quantity import name_of, record_of
 
 # Treatment of each effect of the catalogue, by its code; `check_known_effects` rejects one that is not listed.
 LINEAR_EFFECTS = frozenset({"inertia", "added-inertia", "carried-mass", "clamp", "viscous", "shaft",
@@ -47,7 +48,7 @@ def acting_effects(drive: Drive) -> dict[str, list[str]]:
     """Code -> the parameters by which an optional effect acts on this drive, in all recordings."""
     found: dict[str, list[str]] = {}
     for effect, owner, _ in drive.effects():
-        for name in (f"{owner}.{suffix}" for suffix in effect.present):
+        for name in (name_of(owner, suffix) for suffix in effect.present):
             if drive.value(name) not in (None, drive.quantity(name).neutral):
                 found.setdefault(effect.code, []).append(name)
     return found
@@ -59,7 +60,7 @@ def left_out_parameters(drive: Drive) -> dict[str, list[str]]:
     for code, names in acting_effects(drive).items():
         if code in LEFT_OUT_EFFECTS:
             found.setdefault(LEFT_OUT_EFFECTS[code], []).extend(names)
-    if own := [name for name in drive.values if RECORD_MARK in name]:
+    if own := [name for name in drive.values if record_of(name)]:
         found[ONE_RECORDING_REASON] = own
     return found
 
@@ -86,13 +87,13 @@ def at_working_point(drive: Drive, speed: float) -> Drive:
     """
     check_known_effects(drive)
     codes = acting_effects(drive)
-    own = any(RECORD_MARK in name for name in drive.values)
+    own = any(record_of(name) for name in drive.values)
     if not own and codes.keys().isdisjoint({*TANGENT_LAWS, *LEFT_OUT_EFFECTS, "friction-factor"}):
         return drive
-    drive = replace(drive, values={k: v for k, v in drive.values.items() if RECORD_MARK not in k})
+    drive = replace(drive, values={k: v for k, v in drive.values.items() if not record_of(k)})
     plain = Assembly(drive, Layout((), (MOTOR_TORQUE,), (), 1.0, gradient=False))
     # A total is split before any slope is added to its parts.
-    removed = {*TOTALS, *(f"{owner}.{suffix}" for effect, owner, _ in drive.effects()
+    removed = {*TOTALS, *(name_of(owner, suffix) for effect, owner, _ in drive.effects()
                           for suffix in effect.quantities
                           if effect.code in {*TANGENT_LAWS, *LEFT_OUT_EFFECTS, "friction-factor"})}
     values = {k: v for k, v in drive.values.items() if k not in removed}
@@ -117,7 +118,7 @@ def steady_torques(drive: Drive, speed: float, load: float, direction: float) ->
     torques, outer_torque = [0.0] * len(drive.shafts), load
     for k in range(len(drive.shafts) - 1, -1, -1):  # from the load inwards
         torques[k] = outer_torque + own[k + 1]
-        outer_torque = torques[k] / drive.value(f"{drive.shafts[k]}.ratio")
+        outer_torque = torques[k] / drive.value(name_of(drive.shafts[k], "ratio"))
     return torques, outer_torque + own[0]
 
 
@@ -133,7 +134,7 @@ def _body_tangent(plain: Assembly, index: int, body: str, speed: float) -> dict[
         else:
             idle += rest
     found = {"viscous": viscous, "coulomb": coulomb, "idle_torque": idle}
-    return {f"{body}.{suffix}": float(value) for suffix, value in found.items()}
+    return {name_of(body, suffix): float(value) for suffix, value in found.items()}
 
 
 def _shaft_tangent(plain: Assembly, index: int, shaft: str, torque: float) -> dict[str, float]:
@@ -148,7 +149,7 @@ def _shaft_tangent(plain: Assembly, index: int, shaft: str, torque: float) -> di
         tangent += _torque_and_slope(laws["hardening"], twist)[1]
     if "load-damping" in laws:
         damping += _torque_and_slope(laws["load-damping"], twist, 1.0)[0]
-    return {f"{shaft}.stiffness": float(tangent), f"{shaft}.damping": float(damping)}
+    return {name_of(shaft, "stiffness"): float(tangent), name_of(shaft, "damping"): float(damping)}
 
 
 def _twist_under_torque(law: Law, stiffness: float, torque: float, shaft: str) -> float:
