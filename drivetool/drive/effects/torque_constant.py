@@ -5,7 +5,7 @@ here only while it differs from that value: while it is fitted.
 """
 
 from drivetool.drive.effects.effect import Effect
-from drivetool.quantity import Quantity
+from drivetool.quantity import Quantity, name_of
 
 NAME = "torque_constant"
 
@@ -16,7 +16,7 @@ def stamp(_assembly, _body):
 
 def gain(assembly, body):
     """The torque constant over the value at which the recording was read; one if it has not changed."""
-    name = f"{assembly.drive.bodies[body]}.{NAME}"
+    name = name_of(assembly.drive.bodies[body], NAME)
     if name not in assembly.drive.values or name not in assembly.drive.constants:
         return assembly.number(1.0)
     return assembly.parameter(name) / assembly.drive.constants[name]

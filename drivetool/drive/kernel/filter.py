@@ -356,7 +356,7 @@ def filter_pass(s, c, laws, f, q, clock, event_free_loop, step, carry):
         i += 1
 
 
-def spread_for(n: int) -> Callable:
+def covariance_step_for(n: int) -> Callable:
     """The unit `covariance_step` for n states."""
     carry = sized_covariance_step(n)
 
@@ -367,7 +367,7 @@ def spread_for(n: int) -> Callable:
     return covariance_step
 
 
-def join_for(n: int) -> Callable:
+def premultiply_for(n: int) -> Callable:
     """The unit `premultiply` for n states."""
     columns = tuple_reader(n, NARROW_BLOCK)
 
@@ -382,8 +382,10 @@ def join_for(n: int) -> Callable:
     return premultiply
 
 
-spread_3, spread_4, spread_5, spread_6, spread_7 = (spread_for(n) for n in SIZED_STATE_COUNTS)
-join_3, join_4, join_5, join_6, join_7 = (join_for(n) for n in SIZED_STATE_COUNTS)
+covariance_step_3, covariance_step_4, covariance_step_5, covariance_step_6, covariance_step_7 = (
+    covariance_step_for(n) for n in SIZED_STATE_COUNTS)
+premultiply_3, premultiply_4, premultiply_5, premultiply_6, premultiply_7 = (
+    premultiply_for(n) for n in SIZED_STATE_COUNTS)
 
 
 @separately_compiled(SYSTEM, CACHE, FILTERING, REAL, REAL)

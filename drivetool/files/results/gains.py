@@ -150,9 +150,9 @@ def _spread_section(design: Design) -> shapes.SpreadSection | None:
                    for name, levels in spread.quantiles.items()})
 
 
-def _cycle_section(cycle: dict[str, object]) -> shapes.LimitCycleSection:
+def _cycle_section(cycle: dict[str, object]) -> shapes.HuntingSection:
     names = {"frequency": "frequency_hz", "load_swing": "load_amplitude", "torque_swing": "torque_amplitude"}
-    return shapes.LimitCycleSection(**{names.get(key, key): value for key, value in cycle.items()})
+    return shapes.HuntingSection(**{names.get(key, key): value for key, value in cycle.items()})
 
 
 def _seconds(value: float) -> shapes.Figure:

@@ -108,7 +108,7 @@ class SpreadSection(Shape):
     quantiles: Annotated[dict[str, dict[str, Number]], Meta(description="figure -> level; null: unstable")]
 
 
-class LimitCycleSection(Shape):
+class HuntingSection(Shape):
     """The whole drive, gap and friction included, after a kick of its load."""
 
     situation: str
@@ -135,7 +135,7 @@ class DesignSection(Shape):
     factors: FactorsSection
     margins: MarginsSection
     variations: list[VariationSection]
-    hunting: Annotated[list[LimitCycleSection], Meta(description="empty for a linear drive")]
+    hunting: Annotated[list[HuntingSection], Meta(description="empty for a linear drive")]
     spread: SpreadSection | None = None
     kept: Annotated[Number, Meta(description="share of fresh draws in which the limit holds")] = None
     gain_without_cycle: Annotated[
