@@ -49,7 +49,7 @@ def test_every_part_is_there(part):
 def test_every_unit_is_a_part():
     units = []
     for file in sorted(SOURCES.rglob("*.py")):
-        if "@separately_compiled(" in file.read_text():
+        if "@as_unit(" in file.read_text():
             module = importlib.import_module(f"{machine_code.KERNEL}.{file.stem}")
             units += [f"{file.stem}.{name}" for name, value in vars(module).items()
                       if hasattr(value, "made") and value.home == module.__name__]

@@ -9,7 +9,7 @@ import pytest
 from drivetool.drive import one_body, state_space, two_mass
 from drivetool.identify.greybox.estimator import greybox
 from drivetool.identify.problem.problem import Point
-from drivetool.identify.setup.by_record import as_recorded, free_shared_by_records
+from drivetool.identify.setup.by_record import as_recorded, shared_free_names
 from drivetool.identify.setup.options import Options
 from drivetool.identify.setup.setup import UNNAMED_RECORDINGS, first_point, problem_of, roles_of, traces_of
 from drivetool.identify.setup.start import KnownStart
@@ -132,8 +132,8 @@ def test_one_factor_on_all_friction():
 def test_a_value_that_every_recording_has_for_itself_is_no_unknown_of_all():
     records = [record("a", 1), record("b", 2, coulomb=0.42)]
     drive = drive_of({"motor.coulomb@a": 0.1, "motor.coulomb@b": 0.1})
-    assert free_shared_by_records(("motor.coulomb", "motor.inertia"), drive, records) == ("motor.inertia",)
-    assert free_shared_by_records(("motor.coulomb",), drive, [*records, record("c", 3)]) == ("motor.coulomb",)
+    assert shared_free_names(("motor.coulomb", "motor.inertia"), drive, records) == ("motor.inertia",)
+    assert shared_free_names(("motor.coulomb",), drive, [*records, record("c", 3)]) == ("motor.coulomb",)
     found = lines_of(greybox(records, drive, Options(free=("motor.coulomb@a", "motor.coulomb@b"))))
     assert found["motor.coulomb@a"].value == pytest.approx(0.3, abs=4.0 * found["motor.coulomb@a"].std)
     assert found["motor.coulomb@b"].value == pytest.approx(0.42, abs=4.0 * found["motor.coulomb@b"].std)

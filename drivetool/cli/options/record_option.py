@@ -11,6 +11,7 @@ from typer.core import TyperCommand
 from drivetool.cli.options.inputs import errors_as_usage, start_of, start_value
 from drivetool.cli.options.job import WORD_SEPARATOR, Job
 from drivetool.errors import BadOption, nearest
+from drivetool.quantity import name_of
 
 if TYPE_CHECKING:
     from drivetool.drive import Drive
@@ -162,13 +163,12 @@ def _with_free_parameters(found: RecordDifferences, label: str, names: str, word
 def _with_clamped_body(found: RecordDifferences, label: str, body: str, e: Experiment) -> RecordDifferences:
     """A body that was held while the recording was made."""
     from drivetool.identify.greybox import check_clamped
-    from drivetool.quantity import RECORD_MARK
 
     if body not in found.drive.bodies:
         raise BadOption(f"a body of the {found.drive.name} drive after {CLAMPED_WORD}=", f"'{body}'",
                         nearest(body, found.drive.bodies))
     check_clamped(e, found.drive, body)
-    return replace(found, drive=found.drive.with_values({f"{body}.clamped{RECORD_MARK}{label}": 1.0}))
+    return replace(found, drive=found.drive.with_values({name_of(body, "clamped", label): 1.0}))
 
 
 def _with_known_value(found: RecordDifferences, label: str, word: str) -> RecordDifferences:

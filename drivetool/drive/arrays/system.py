@@ -105,7 +105,7 @@ class Laws(NamedTuple):
 
     torque, motion, columns, transition, covariance_step, premultiply, event_step, write_law_torques    addresses of
     the units law_torque, law_motion, law_columns, law_transition, covariance_step, premultiply,
-    step_through_events_with_laws and write_law_torques
+    step_through_law_events and write_law_torques
     """
 
     code: Int1

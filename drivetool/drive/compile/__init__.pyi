@@ -4,7 +4,7 @@ from .compiled import (
     COMPILE_LAW as COMPILE_LAW,
     INLINED as INLINED,
     NO_OVERLAP as NO_OVERLAP,
-    separately_compiled as separately_compiled,
+    as_unit as as_unit,
 )
 from .machine_code import address as address, function as function, store as store, symbol as symbol
 from .numba_private import cached_in_folder as cached_in_folder, defer_code_generation as defer_code_generation

@@ -23,7 +23,7 @@ NO_OVERLAP = {**INLINED, "pipeline_class": private.NoOverlap}
 COMPILE_LAW = numba.njit(**COMPILE)  # how an effect compiles its smooth law
 
 
-def separately_compiled(*kinds: types.Type, gives: types.Type = types.none) -> Callable:
+def as_unit(*kinds: types.Type, gives: types.Type = types.none) -> Callable:
     """Compile a function separately, and only when its address is requested.
 
     Numba compiles an ordinary callee into every caller, and again into the callers of that: a minute for a deep

@@ -34,7 +34,7 @@ STEP_UNITS = ("events.step_through_events", "modes.compute_mode")
 GROUPS = (
     *(((f"run.run{size}", f"filter.kalman{size}"), STEP_UNITS)
       for size in ("", *(f"_{n}" for n in SIZED_STATE_COUNTS))),
-    (("run.run_laws", "smooth.law_motion", "smooth.law_columns", "smooth_events.step_through_events_with_laws",
+    (("run.run_laws", "smooth.law_motion", "smooth.law_columns", "smooth_events.step_through_law_events",
       "smooth_events.write_law_torques"),
      ("filter.kalman_laws", "filter.covariance_step", "filter.premultiply", "smooth.law_transition",
       "laws.law_torque",

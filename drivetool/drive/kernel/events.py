@@ -10,7 +10,7 @@ from __future__ import annotations
 
 from numba import njit
 
-from drivetool.drive.compile import CACHE, COMPILE, INLINED, REALS, SYSTEM, WHOLE, WHOLES, separately_compiled
+from drivetool.drive.compile import CACHE, COMPILE, INLINED, REALS, SYSTEM, WHOLE, WHOLES, as_unit
 from drivetool.drive.kernel.exact_step import classify, guard_values, predict, propagate_rows
 from drivetool.drive.kernel.modes import MAX_LOCATED_RATE, compute_mode, lookup
 from drivetool.drive.kernel.roots import first_exit, horner
@@ -186,7 +186,7 @@ def stop_reversed_bodies(s, holding_torque, net, x, u, sens, mode):
                     sens[row, q] = 0.0
 
 
-@separately_compiled(SYSTEM, CACHE, REALS[1], REALS[2], WHOLE, REALS[2], WHOLES[1], WHOLE)
+@as_unit(SYSTEM, CACHE, REALS[1], REALS[2], WHOLE, REALS[2], WHOLES[1], WHOLE)
 def step_through_events(s, c, x, inputs, i, sens, mode, part):
     """Carry x, sensitivities and mode over one part of a sample under inputs[i]."""
     w, p, v, t = c.series, c.poly, c.columns[1], c.columns[2]
@@ -218,7 +218,7 @@ def step_through_events(s, c, x, inputs, i, sens, mode, part):
             events += 1
 
 
-@separately_compiled(SYSTEM, CACHE, REALS[1], REALS[1], REALS[1], REALS[2], WHOLES[1], WHOLE)
+@as_unit(SYSTEM, CACHE, REALS[1], REALS[1], REALS[1], REALS[2], WHOLES[1], WHOLE)
 def switch_late(s, c, x, u, late, sens, mode, k):
     """Saltation where the held torque switches inside a sample, at the dead time.
 

@@ -8,18 +8,7 @@ from collections.abc import Callable
 from numba import njit
 
 from drivetool.drive.arrays import NARROW_BLOCK, SIZED_STATE_COUNTS
-from drivetool.drive.compile import (
-    CACHE,
-    COMPILE,
-    FILTERING,
-    INLINED,
-    LAWS,
-    REAL,
-    REALS,
-    SYSTEM,
-    WHOLE,
-    separately_compiled,
-)
+from drivetool.drive.compile import CACHE, COMPILE, FILTERING, INLINED, LAWS, REAL, REALS, SYSTEM, WHOLE, as_unit
 from drivetool.drive.kernel.event_free_steps import sized_covariance_step, sized_filter_loop, sized_step
 from drivetool.drive.kernel.events import net_load, step_through_events
 from drivetool.drive.kernel.exact_step import decay_state, decaying_state, mode_holds, predict
@@ -35,7 +24,7 @@ from drivetool.drive.kernel.run import (
 )
 from drivetool.drive.kernel.simd_intrinsics import row_times, tuple_reader, write
 from drivetool.drive.kernel.smooth import law_motion, law_transition
-from drivetool.drive.kernel.smooth_events import step_through_events_with_laws
+from drivetool.drive.kernel.smooth_events import step_through_law_events
 
 # Margin of friction over the std of the torque, above which noise moves no resting body: once in 3e6 samples.
 HOLDING_SIGMAS = 5.0
@@ -170,14 +159,13 @@ def add_sticking_uncertainty(s, c, k, mode, x, u, p, before, q, h):
                     p[j, m] += g * s.rows[m, row, 0] / s.mass[m, 0] * h * distance_square
 
 
-# Units, so that Laws.covariance_step and Laws.premultiply can point to a sized version instead.
-@separately_compiled(REALS[2], REALS[2], REALS[1], REAL, REALS[1], REALS[2])
+@as_unit(REALS[2], REALS[2], REALS[1], REAL, REALS[1], REALS[2])
 def covariance_step(p, f, noise, q, extra, t):
-    """advance_covariance."""
+    """advance_covariance; a unit, as is premultiply, so that Laws can point to a sized version instead."""
     advance_covariance(p, f, noise, q, extra, t)
 
 
-@separately_compiled(REALS[2], REALS[2], WHOLE, REALS[2])
+@as_unit(REALS[2], REALS[2], WHOLE, REALS[2])
 def premultiply(f, transition, n, product):
     """transition = f transition, of n rows and columns, through a scratch."""
     matrix_product(f, transition, n, product)
@@ -259,8 +247,7 @@ def step_by_parts(s, c, laws, step, number, x, u, late, i, clock, mode, transiti
                 number = lookup(s, c, mode, part)
         else:
             if parts == 1:
-                step_through_events_with_laws(laws.event_step, s, c, laws, x, held, i, clock, transition, mode,
-                                              part)
+                step_through_law_events(laws.event_step, s, c, laws, x, held, i, clock, transition, mode, part)
                 number = -1
             else:
                 number, _ = law_step_or_events(s, c, laws, number, x, held, i, clock, transition, mode, part, b)
@@ -360,7 +347,7 @@ def covariance_step_for(n: int) -> Callable:
     """The unit `covariance_step` for n states."""
     carry = sized_covariance_step(n)
 
-    @separately_compiled(REALS[2], REALS[2], REALS[1], REAL, REALS[1], REALS[2])
+    @as_unit(REALS[2], REALS[2], REALS[1], REAL, REALS[1], REALS[2])
     def covariance_step(p, f, noise, q, extra, t):
         carry(p, f, noise, q, extra)
 
@@ -371,7 +358,7 @@ def premultiply_for(n: int) -> Callable:
     """The unit `premultiply` for n states."""
     columns = tuple_reader(n, NARROW_BLOCK)
 
-    @separately_compiled(REALS[2], REALS[2], WHOLE, REALS[2])
+    @as_unit(REALS[2], REALS[2], WHOLE, REALS[2])
     def premultiply(f, transition, _, product):
         width = transition.shape[1]
         for q in range(0, n, NARROW_BLOCK):
@@ -384,11 +371,10 @@ def premultiply_for(n: int) -> Callable:
 
 covariance_step_3, covariance_step_4, covariance_step_5, covariance_step_6, covariance_step_7 = (
     covariance_step_for(n) for n in SIZED_STATE_COUNTS)
-premultiply_3, premultiply_4, premultiply_5, premultiply_6, premultiply_7 = (
-    premultiply_for(n) for n in SIZED_STATE_COUNTS)
+premultiply_3, premultiply_4, premultiply_5, premultiply_6, premultiply_7 = map(premultiply_for, SIZED_STATE_COUNTS)
 
 
-@separately_compiled(SYSTEM, CACHE, FILTERING, REAL, REAL)
+@as_unit(SYSTEM, CACHE, FILTERING, REAL, REAL)
 def kalman(s, c, f, q, clock):
     """Filter a record; see filter_pass."""
     filter_pass(s, c, None, f, q, clock, None, None, None)
@@ -398,7 +384,7 @@ def sized_kalman(n: int) -> Callable:
     """The unit `kalman` for n states and one input: unrolled loops are much faster."""
     event_free_loop, step, carry = sized_filter_loop(n), sized_step(n), sized_covariance_step(n)
 
-    @separately_compiled(SYSTEM, CACHE, FILTERING, REAL, REAL)
+    @as_unit(SYSTEM, CACHE, FILTERING, REAL, REAL)
     def kalman(s, c, f, q, clock):
         filter_pass(s, c, None, f, q, clock, event_free_loop, step, carry)
 
@@ -408,7 +394,7 @@ def sized_kalman(n: int) -> Callable:
 kalman_3, kalman_4, kalman_5, kalman_6, kalman_7 = (sized_kalman(n) for n in SIZED_STATE_COUNTS)
 
 
-@separately_compiled(SYSTEM, CACHE, LAWS, FILTERING, REAL, REAL)
+@as_unit(SYSTEM, CACHE, LAWS, FILTERING, REAL, REAL)
 def kalman_laws(s, c, laws, f, q, clock):
     """The same with smooth laws."""
     filter_pass(s, c, laws, f, q, clock, None, None, None)

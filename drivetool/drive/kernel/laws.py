@@ -7,7 +7,7 @@ from collections.abc import Callable
 import numpy as np
 from numba import njit
 
-from drivetool.drive.compile import COMPILE, COMPILE_LAW, INLINED, REAL, REALS, WHOLE, separately_compiled
+from drivetool.drive.compile import COMPILE, COMPILE_LAW, INLINED, REAL, REALS, WHOLE, as_unit
 from drivetool.drive.effects import LAW_TORQUES
 
 
@@ -35,7 +35,7 @@ for _number, _torque in reversed(tuple(enumerate(LAW_TORQUES.values()))):
     _dispatch = _branch(_number, COMPILE_LAW(_torque), _dispatch)
 
 
-@separately_compiled(WHOLE, REAL, REAL, REAL, REAL, REALS[2], REALS[1])
+@as_unit(WHOLE, REAL, REAL, REAL, REAL, REALS[2], REALS[1])
 def law_torque(code, a, b, time, side, p, out):
     """out = torque of a law of LAW_TORQUES, its derivatives over the arguments a and b, and over the parameters."""
     for j in range(out.size):

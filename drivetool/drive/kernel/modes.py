@@ -6,7 +6,7 @@ import numpy as np
 from numba import njit
 
 from drivetool.drive.arrays import MAX_GUARD_INSTANTS, WIDE_BLOCK
-from drivetool.drive.compile import CACHE, COMPILE, INLINED, REAL, SYSTEM, WHOLE, WHOLES, separately_compiled
+from drivetool.drive.compile import CACHE, COMPILE, INLINED, REAL, SYSTEM, WHOLE, WHOLES, as_unit
 
 # The Taylor terms after which exp is exact to rounding for a norm of one half.
 TAYLOR_TERMS = 14
@@ -34,7 +34,7 @@ def lookup(s, c, mode, part):
     return k
 
 
-@separately_compiled(SYSTEM, CACHE, WHOLES[1], WHOLE, WHOLE, REAL)
+@as_unit(SYSTEM, CACHE, WHOLES[1], WHOLE, WHOLE, REAL)
 def compute_mode(s, c, mode, part, k, h):
     """Fill slot k; with h > 0 only the last slot, with the step of mode k over h seconds."""
     if h > 0.0:

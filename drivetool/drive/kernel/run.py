@@ -18,7 +18,7 @@ from drivetool.drive.compile import (
     REAL,
     SYSTEM,
     WHOLE,
-    separately_compiled,
+    as_unit,
 )
 from drivetool.drive.kernel.event_free_steps import sized_run_loop, sized_step, write_row
 from drivetool.drive.kernel.events import net_load, step_through_events, switch_late
@@ -35,7 +35,7 @@ from drivetool.drive.kernel.laws import set_holding_torque
 from drivetool.drive.kernel.modes import lookup
 from drivetool.drive.kernel.outputs import output_gradient, output_row
 from drivetool.drive.kernel.smooth import law_step
-from drivetool.drive.kernel.smooth_events import step_through_events_with_laws, write_law_torques
+from drivetool.drive.kernel.smooth_events import step_through_law_events, write_law_torques
 
 # A corrected speed that friction stops within this fraction of a sample is no motion: at the same deceleration the
 # travel is a hundredth of that of a body that needs the whole sample to stop.
@@ -93,7 +93,7 @@ def law_step_or_events(s, c, laws, k, x, held, i, clock, sens, mode, part, b):
         k = lookup(s, c, mode, part)
     if law_step(s, c, laws, k, part, x, held, i, clock, sens, mode, b, c.row_scratch[0]):
         return k, True
-    step_through_events_with_laws(laws.event_step, s, c, laws, x, held, i, clock, sens, mode, part)
+    step_through_law_events(laws.event_step, s, c, laws, x, held, i, clock, sens, mode, part)
     return -1, False
 
 
@@ -209,7 +209,7 @@ def update_output_torques(s, laws, x, clock, mode, sens):
         write_law_torques(laws.write_law_torques, s, laws, x, clock, mode, sens)
 
 
-@separately_compiled(SYSTEM, CACHE, PASS, REAL, gives=WHOLE)
+@as_unit(SYSTEM, CACHE, PASS, REAL, gives=WHOLE)
 def run(s, c, p, clock):
     """Simulate the samples of a pass; see simulate_pass."""
     return simulate_pass(s, c, None, p, clock, None, None)
@@ -219,7 +219,7 @@ def sized_run(n: int) -> Callable:
     """The unit `run` for n states and one input: unrolled loops are much faster."""
     event_free_loop, step = sized_run_loop(n), sized_step(n)
 
-    @separately_compiled(SYSTEM, CACHE, PASS, REAL, gives=WHOLE)
+    @as_unit(SYSTEM, CACHE, PASS, REAL, gives=WHOLE)
     def run(s, c, p, clock):
         return simulate_pass(s, c, None, p, clock, event_free_loop, step)
 
@@ -230,7 +230,7 @@ def sized_run(n: int) -> Callable:
 run_3, run_4, run_5, run_6, run_7 = (sized_run(n) for n in SIZED_STATE_COUNTS)
 
 
-@separately_compiled(SYSTEM, CACHE, LAWS, PASS, REAL, gives=WHOLE)
+@as_unit(SYSTEM, CACHE, LAWS, PASS, REAL, gives=WHOLE)
 def run_laws(s, c, laws, p, clock):
     """The same with smooth laws."""
     return simulate_pass(s, c, laws, p, clock, None, None)

@@ -21,7 +21,7 @@ from drivetool.drive.compile import (
     SYSTEM,
     WHOLE,
     WHOLES,
-    separately_compiled,
+    as_unit,
 )
 from drivetool.drive.kernel.exact_step import mode_holds
 from drivetool.drive.kernel.laws import gap_side, law_at, law_slope, parameter_columns
@@ -149,7 +149,7 @@ def motion_of(s, c, laws, k, part, x, u, i, time, mode, b, x_mid, n, nl):
     return True
 
 
-@separately_compiled(SYSTEM, CACHE, LAWS, WHOLE, WHOLE, REALS[1], REALS[2], WHOLE, REAL, WHOLES[1], REALS[1],
+@as_unit(SYSTEM, CACHE, LAWS, WHOLE, WHOLE, REALS[1], REALS[2], WHOLE, REAL, WHOLES[1], REALS[1],
                      REALS[1],
                      gives=WHOLE)
 def law_motion(s, c, laws, k, part, x, u, i, time, mode, b, x_mid):
@@ -202,7 +202,7 @@ def transition_of(c, laws, k, transition, slope, n, nl):
             transition[r, j] = v
 
 
-@separately_compiled(CACHE, LAWS, WHOLE, REALS[2])
+@as_unit(CACHE, LAWS, WHOLE, REALS[2])
 def law_transition(c, laws, k, transition):
     """transition (n, n) = derivative of the state after a part over that before it; its torques are known.
 
@@ -366,7 +366,7 @@ def columns_of(s, c, laws, k, x, u, i, mode, y, b, sens, n, nl):
             add_scaled_nonzero(sens[r], row[at + 2], right[nl + m])
 
 
-@separately_compiled(SYSTEM, CACHE, LAWS, WHOLE, REALS[1], REALS[2], WHOLE, WHOLES[1], REALS[1], REALS[1], REALS[2])
+@as_unit(SYSTEM, CACHE, LAWS, WHOLE, REALS[1], REALS[2], WHOLE, WHOLES[1], REALS[1], REALS[1], REALS[2])
 def law_columns(s, c, laws, k, x, u, i, mode, y, b, sens):
     """Sensitivities over a part without events; y, b are the states at its middle and its end."""
     columns_of(s, c, laws, k, x, u, i, mode, y, b, sens, laws.first, laws.code.size)

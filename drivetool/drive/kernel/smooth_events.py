@@ -15,7 +15,7 @@ from drivetool.drive.compile import (
     SYSTEM,
     WHOLE,
     WHOLES,
-    separately_compiled,
+    as_unit,
 )
 from drivetool.drive.kernel.events import MAX_EVENTS_PER_PART, net_load, next_event, switch_mode, unlocated_step
 from drivetool.drive.kernel.laws import law_at, set_holding_torque
@@ -229,8 +229,8 @@ def constant_torque_columns(s, laws, x, mode, sens):
             sens[at + 1, q] = sens[at + 2, q] = 0.0
 
 
-@separately_compiled(SYSTEM, CACHE, LAWS, REALS[1], REALS[2], WHOLE, REAL, REALS[2], WHOLES[1], WHOLE)
-def step_through_events_with_laws(s, c, laws, x, inputs, i, time, sens, mode, part):
+@as_unit(SYSTEM, CACHE, LAWS, REALS[1], REALS[2], WHOLE, REAL, REALS[2], WHOLES[1], WHOLE)
+def step_through_law_events(s, c, laws, x, inputs, i, time, sens, mode, part):
     """Carry x, sensitivities and mode over one part of a sample under inputs[i]."""
     w, p, u = c.series, c.poly, inputs[i]
     whole, rest, events, just_switched, shortened = s.part_lengths[part], s.part_lengths[part], 0, 0, 0
@@ -297,7 +297,7 @@ def correct_saltation(s, holding_torque, net, f, side, dropped, x, u, sens):
         sens[s.slip_rows[f], q] *= factor
 
 
-@separately_compiled(SYSTEM, LAWS, REALS[1], REAL, WHOLES[1], REALS[2])
+@as_unit(SYSTEM, LAWS, REALS[1], REAL, WHOLES[1], REALS[2])
 def write_law_torques(s, laws, x, time, mode, sens):
     """Write the torques of the laws, and their sensitivities, into the state, where an output reads them."""
     for m in range(laws.code.size):

@@ -10,7 +10,7 @@ from collections.abc import Callable
 from numba import njit
 
 from drivetool.drive.arrays import MAX_SIZED_LAWS, MOST_STATES, NARROW_BLOCK, WIDE_BLOCK
-from drivetool.drive.compile import CACHE, INLINED, LAWS, REAL, REALS, SYSTEM, WHOLE, WHOLES, separately_compiled
+from drivetool.drive.compile import CACHE, INLINED, LAWS, REAL, REALS, SYSTEM, WHOLE, WHOLES, as_unit
 from drivetool.drive.kernel.laws import gap_side, law_slope, parameter_columns
 from drivetool.drive.kernel.simd_intrinsics import (
     add_weighted,
@@ -26,7 +26,7 @@ from drivetool.drive.kernel.smooth import motion_of, torque_row
 
 def motion_for(n: int, nl: int) -> Callable:
     """The unit law_motion for n states and nl laws."""
-    @separately_compiled(SYSTEM, CACHE, LAWS, WHOLE, WHOLE, REALS[1], REALS[2], WHOLE, REAL, WHOLES[1], REALS[1],
+    @as_unit(SYSTEM, CACHE, LAWS, WHOLE, WHOLE, REALS[1], REALS[2], WHOLE, REAL, WHOLES[1], REALS[1],
                          REALS[1],
                          gives=WHOLE)
     def law_motion(s, c, laws, k, part, x, u, i, time, mode, b, x_mid):
@@ -89,7 +89,7 @@ def columns_for(n: int, nl: int) -> Callable:
     narrow, one_narrow, all_narrow = (tuple_reader(count, NARROW_BLOCK) for count in (rows, 1, nl))
     add_torque_effect, depends_on = torque_effect_for(n, nl), dependence_test_for(nl)
 
-    @separately_compiled(SYSTEM, CACHE, LAWS, WHOLE, REALS[1], REALS[2], WHOLE, WHOLES[1], REALS[1], REALS[1],
+    @as_unit(SYSTEM, CACHE, LAWS, WHOLE, REALS[1], REALS[2], WHOLE, WHOLES[1], REALS[1], REALS[1],
                          REALS[2])
     def law_columns(s, c, laws, k, x, u, i, mode, y, b, sens):
         jets, right, middle, last, inverse = (
@@ -151,7 +151,7 @@ def transition_for(n: int, nl: int) -> Callable:
             total = plus_scaled(total, step[r, n + 3 * m], first[m])
         return total
 
-    @separately_compiled(CACHE, LAWS, WHOLE, REALS[2])
+    @as_unit(CACHE, LAWS, WHOLE, REALS[2])
     def law_transition(c, laws, k, transition):
         jets, phi, phi_mid, right, inverse = (
             laws.torque_jets, c.phi[k], c.phi_mid[k], laws.torque_columns, laws.matrix_scratch)

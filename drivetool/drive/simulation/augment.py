@@ -119,5 +119,5 @@ def _law_arrays(assembly: Assembly, s: System, first: int) -> Laws:
         address("law_torque"), *(address(unit + sized) for unit in ("law_motion", "law_columns", "law_transition")),
         *(address(f"{unit}_{first}" if first in SIZED_STATE_COUNTS else unit)
           for unit in ("covariance_step", "premultiply")),
-        address("step_through_events_with_laws"), address("write_law_torques") if in_output else 0)
+        address("step_through_law_events"), address("write_law_torques") if in_output else 0)
 

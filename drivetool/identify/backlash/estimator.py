@@ -58,10 +58,10 @@ from drivetool.identify.setup import (
     after_transient,
     at_rates,
     first_states,
-    free_shared_by_records,
     known_states,
     refuse_free_torque_constants,
     roles_of,
+    shared_free_names,
 )
 from drivetool.identify.shaft_torque import (
     BothLaws,
@@ -111,7 +111,7 @@ def backlash(experiments: Sequence[Experiment], drive: Drive, options: Options) 
         drive = with_frictions(drive, roles, options)
     requested, options = options, with_all_expanded(options, drive, experiments)
     gaps = names_of(drive.shafts, "half_gap")
-    free = free_shared_by_records(free_parameters(drive, gaps, options), drive, experiments)
+    free = shared_free_names(free_parameters(drive, gaps, options), drive, experiments)
     gaps = [g for g in gaps if g in free]
     task = Task(drive, free, roles, tuple(experiments), known_states(options.start, drive, free, roles))
     closed = {g: contact_of(task.at({g: 0.0}), drive.shafts.index(owner_of(g))) for g in gaps}
@@ -167,7 +167,7 @@ def _by_inverse(experiments: Sequence[Experiment], drive: Drive, options: Option
     drive = with_friction_parts(drive)
     free = free_parameters(drive, names_of(drive.shafts, "half_gap"),
                            with_all_expanded(options, drive, experiments))
-    free = free_shared_by_records(free, drive, experiments)
+    free = shared_free_names(free, drive, experiments)
     return replace(greybox_by_inverse(experiments, drive, free, roles, options), step="backlash")
 
 

@@ -46,11 +46,11 @@ from drivetool.identify.setup import (
     after_transient,
     at_rates,
     check_torque_scale,
-    free_shared_by_records,
     has_gap,
     known_states,
     reverses,
     roles_of,
+    shared_free_names,
 )
 from drivetool.identify.shaft_torque import with_friction_of_file, with_frictions, with_identified_friction
 from drivetool.logs import Experiment
@@ -83,8 +83,7 @@ def greybox(experiments: Sequence[Experiment], drive: Drive, options: Options) -
         return _by_inverse(experiments, drive, options, roles)
     drive = with_frictions(drive, roles, options)
     requested, options = options, with_all_expanded(options, drive, experiments)
-    free = free_shared_by_records(free_parameters(drive, default_free(drive, experiments), options), drive,
-                                  experiments)
+    free = shared_free_names(free_parameters(drive, default_free(drive, experiments), options), drive, experiments)
     check_torque_scale(drive, free, roles, options.hold)
     if options.criterion == "frequency":
         from drivetool.identify.frequency import greybox_by_frequency
@@ -133,7 +132,7 @@ def _by_inverse(experiments: Sequence[Experiment], drive: Drive, options: Option
     # The motion is known, so that the motor's friction is separately identifiable.
     drive = with_friction_parts(drive)
     free = free_parameters(drive, default_free(drive, experiments), with_all_expanded(options, drive, experiments))
-    free = free_shared_by_records(free, drive, experiments)
+    free = shared_free_names(free, drive, experiments)
     if not nonlinear_behind_motor(drive, free):
         # Only one constant torque is identifiable, wherever it acts: the motor's, unless others are requested.
         behind = {name_of(b, "idle_torque") for b in drive.bodies[1:]} - set(options.free)

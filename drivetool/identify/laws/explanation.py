@@ -355,9 +355,8 @@ def _torque_noise_finding(laws: Sequence[FoundLaw], task: Task) -> tuple[Finding
     law = next(law for law in laws if law.name == MEASUREMENT_NOISE)
     return (Finding(
         "note", "torque-measurement-noise",
-        f"The logged torque contains {abs(law.factors[0]):.2g} {task.experiments[0].torque_unit} rms of "
-        "measurement noise, which does not act on the drive. The fit removes it.",
-        {"rms": law.factors[0], "std": law.std[0]},
+        f"The logged torque has {abs(law.factors[0]):.2g} {task.experiments[0].torque_unit} rms of measurement "
+        "noise, which does not act on the drive. The fit removes it.", {"rms": law.factors[0], "std": law.std[0]},
         "State torque_is: measurement in the channel map; log the torque command if the drive offers it."),)
 
 

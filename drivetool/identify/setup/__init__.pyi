@@ -1,4 +1,4 @@
-from .by_record import as_recorded as as_recorded, free_shared_by_records as free_shared_by_records
+from .by_record import as_recorded as as_recorded, shared_free_names as shared_free_names
 from .options import HELD_OUT_SHARE as HELD_OUT_SHARE, Options as Options
 from .rates import at_rates as at_rates, rates_left_out as rates_left_out
 from .sampled_response import HeldResponse as HeldResponse

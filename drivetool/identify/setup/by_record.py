@@ -33,7 +33,7 @@ def has_values_by_record(drive: Drive) -> bool:
     return any(record_of(n) for n in drive.values)
 
 
-def free_shared_by_records(free: Sequence[str], drive: Drive, experiments: Sequence[Experiment]) -> tuple[str, ...]:
+def shared_free_names(free: Sequence[str], drive: Drive, experiments: Sequence[Experiment]) -> tuple[str, ...]:
     """The free parameters without those of which every recording has a value of its own."""
     names = {sha: name for name, sha in drive.records.items()}
     labels = [names.get(e.sha256) for e in experiments]
