@@ -5,9 +5,9 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from drivetool.check.validation import CheckSection
 from drivetool.check.validation.freerun import noise_limit_findings
 from drivetool.check.validation.replay import replay
-from drivetool.check.validation.result import RecordCheck
 from drivetool.drive import one_body
 from tests.recover import STEP, experiment
 
@@ -30,7 +30,7 @@ def test_attainable_fit_of_short_free_runs(time):
     each = np.exp(-lags * STEP / time) if time else np.eye(PART)
     error = (TORQUE * STEP / INERTIA) ** 2 * np.trace(summed @ each @ summed.T) / PART + SENSOR**2
     expected = 100.0 * (1.0 - np.sqrt(error / (error + np.var(clean))))
-    check = RecordCheck("m", "r", "motor_speed", "rad/s", expected, None, 0.0, 0.0, 0.0, SIZE, 0.0, 0.1, 0.0, 0.5,
+    check = CheckSection("m", "r", "motor_speed", "rad/s", expected, None, 0.0, 0.0, 0.0, SIZE, 0.0, 0.1, 0.0, 0.5,
                         None, True)
     found, = noise_limit_findings(run, check, 0.15, 1)
     # 120 pieces say the rms of an error to about 7 %, the median of 20 draws of it to 2 %.

@@ -6,6 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from msgspec import UNSET
 
 from drivetool.check.validation.coast_down_validation import (
     MAX_ERROR_TO_COUNTS,
@@ -96,7 +97,7 @@ def test_the_speed_by_counts_is_that_of_the_motion():
     by_counts = validated(record).checks[1]
     true, _ = motion(DRAG, lambda t: 0.0, TOP * 50 / 40, 80 * RPM, 5.0)[::-1]
     by_speed = validated(recording(1, motor_speed=true)).checks
-    assert [c.output for c in by_speed] == ["motor_speed"] and by_speed[0].rmse_counts is None
+    assert [c.output for c in by_speed] == ["motor_speed"] and by_speed[0].rmse_counts is UNSET
     assert by_counts.rmse == pytest.approx(by_speed[0].rmse, rel=0.1)
 
 
@@ -104,7 +105,7 @@ def test_a_noisy_angle_and_a_noisy_speed_leave_their_noise():
     angle, speed = motion(PAPER, lambda t: 0.0, TOP, 80 * RPM, 5.0)
     noise = np.random.default_rng(1).normal(0.0, 1.0, len(angle))
     first, second = validated(recording(1, motor_angle=angle + 1e-3 * noise)).checks
-    assert first.rmse == pytest.approx(1e-3, rel=0.02) and first.rmse_counts is None
+    assert first.rmse == pytest.approx(1e-3, rel=0.02) and first.rmse_counts is UNSET
     assert second.rmse < 3.0 * second.sensor_rmse < 0.05
     (only,) = validated(recording(2, motor_speed=speed + 0.2 * noise)).checks
     assert only.rmse == pytest.approx(0.2, rel=0.02) and only.sensor_rmse == pytest.approx(0.2, rel=0.05)

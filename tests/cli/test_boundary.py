@@ -239,14 +239,14 @@ def test_wrong_words_give_one_clear_sentence(folder, call, words, code, message)
 
 
 def test_validate_checks_each_file_as_a_model(folder, call, monkeypatch):
-    from drivetool.check.validation import result as validation
+    from drivetool.check.validation import CheckSection, result as validation
 
     seen = {}
 
     def validate(experiments, models, options):
         seen["models"], seen["options"] = models, options
         passed = options.min_fit is None
-        checks = tuple(validation.RecordCheck(
+        checks = tuple(CheckSection(
             name, e.name, "motor_speed", "rad/s", 93.0, 99.0, 0.1, 0.01, 0.99, 500, 0.1, 0.05, 3.0, 0.4, 0.2,
             passed)
             for name, _, _ in models for e in experiments)

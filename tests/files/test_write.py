@@ -13,7 +13,7 @@ import pytest
 import yaml
 from rich.console import Console
 
-from drivetool.check.validation import RecordCheck, Validation
+from drivetool.check.validation import CheckSection, Validation
 from drivetool.drive import two_mass
 from drivetool.errors import BadOption, CannotWrite, Finding
 from drivetool.files.disk import write
@@ -44,9 +44,9 @@ ESTIMATE = Estimate(
     (Finding("warning", "torque-source", "Torque noise is coloured [sic].", {"p": 1e-9, "lags": 20},
              "Diagnose."),),
     (("steps.parquet", "ab" * 32),), {"seed": 1, "hold": ("shaft.half_gap",)})
-CHECK = RecordCheck("greybox.yaml", "gap.parquet", "motor_speed", "rad/s", 93.12, None, 0.0123, 0.001, 0.99,
+CHECK = CheckSection("greybox.yaml", "gap.parquet", "motor_speed", "rad/s", 93.12, None, 0.0123, 0.001, 0.99,
                     9000, 0.083, 0.03, 4.2, 0.31, None, True)
-VALIDATION = Validation((CHECK, replace(CHECK, file="b.parquet", passed=False)), "missed on b.parquet",
+VALIDATION = Validation((CHECK, CHECK.replace(file="b.parquet", passed=False)), "missed on b.parquet",
                         data=(("gap.parquet", "ab" * 32), ("b.parquet", "cd" * 32)))
 
 
@@ -156,7 +156,7 @@ def test_validation_table_and_cross_table():
     text = show(tables.print_validation, validation_file(VALIDATION))
     assert "missed on b.parquet" in text and "93.12" in text and "model (row)" not in text
     both = replace(VALIDATION, checks=VALIDATION.checks + tuple(
-        replace(check, model="backlash.yaml", simulation_fit_percent=97.5) for check in VALIDATION.checks))
+        check.replace(model="backlash.yaml", simulation_fit_percent=97.5) for check in VALIDATION.checks))
     text = show(tables.print_validation, validation_file(both))
     assert "model (row)" in text and "…" not in text and max(map(len, text.splitlines())) <= 80
     assert [line.split() for line in text.splitlines()][-2] == ["backlash", "97.5", "97.5"]
@@ -164,7 +164,7 @@ def test_validation_table_and_cross_table():
 
 def test_figures_that_a_constant_torque_leaves_out_are_dashes(tmp_path):
     nan = float("nan")
-    check = replace(CHECK, max_correlation=nan, band=nan, lags_outside_percent=nan, correlation_p=nan)
+    check = CHECK.replace(max_correlation=nan, band=nan, lags_outside_percent=nan, correlation_p=nan)
     path = tmp_path / "v.yaml"
     path.write_text(dump_validation(replace(VALIDATION, checks=(check,))))
     assert yaml.safe_load(path.read_text())["checks"][0]["lags_outside_percent"] is None

@@ -6,6 +6,7 @@ from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
+from msgspec import UNSET
 
 from drivetool.check.validation import remarks
 from drivetool.check.validation.coast_down_comparison import (
@@ -14,7 +15,8 @@ from drivetool.check.validation.coast_down_comparison import (
     compare_coast_down,
     with_parameter_errors,
 )
-from drivetool.check.validation.result import RecordCheck, ValidateOptions, Validation
+from drivetool.check.validation.result import ValidateOptions, Validation
+from drivetool.check.validation.sections import CheckSection
 from drivetool.drive import Drive
 from drivetool.errors import BadOption, Finding, NotEnoughData
 from drivetool.identify.coast_down import Stretch, coast_down_assumed, stretches_of
@@ -71,7 +73,7 @@ def validate_coast_down(experiments: Sequence[Experiment], models: Sequence[Coas
     seen = [frozenset(hashes) for hashes in fitted_on] or [frozenset()] * len(models)
     files, names = number_duplicates([e.name for e in experiments]), number_duplicates([m.name for m in models])
     off = [[s for s in stretches_of([e], options.flux_decay or 0.0) if s.off] for e in experiments]
-    checks: list[RecordCheck] = []
+    checks: list[CheckSection] = []
     findings: list[Finding] = []
     exhibits: list[PlotData] = []
     for name, model, hashes in zip(names, models, seen, strict=True):
@@ -98,7 +100,7 @@ def _compared(e: Experiment, stretch: Stretch, model: CoastDownModel) -> CoastDo
 
 
 def _checks(name: str, file: str, e: Experiment, runs: Sequence[CoastDownComparison],
-            options: ValidateOptions) -> list[RecordCheck]:
+            options: ValidateOptions) -> list[CheckSection]:
     """Of the angle, where it was measured, and of the speed; all coast-downs of a record together."""
     speed = _check(name, file, "motor_speed", f"{e.motion_unit}/s", [r.speed for r in runs], options)
     angles = [r.angle for r in runs if r.angle is not None]
@@ -115,7 +117,7 @@ def _centred(angle: Signal) -> Signal:
 
 
 def _check(name: str, file: str, output: str, unit: str, signals: Sequence[Signal],
-           options: ValidateOptions) -> RecordCheck:
+           options: ValidateOptions) -> CheckSection:
     """The figures of one output."""
     y, simulated, from_beginning = (np.concatenate([getattr(s, part) for s in signals])
                                     for part in ("measured", "simulated", "from_beginning"))
@@ -125,15 +127,15 @@ def _check(name: str, file: str, output: str, unit: str, signals: Sequence[Signa
     value_range, total = float(np.ptp(y)), float(np.sum((y - y.mean()) ** 2))
     count, parameter_errors = (max(s.count for s in signals),
                                [s.parameters_rms for s in signals if s.parameters_rms is not None])
-    return RecordCheck(
+    return CheckSection(
         name, file, output, unit, fit, None, rmse, rmse / value_range if value_range else nan,
         1.0 - rmse**2 * len(y) / total if value_range and total else nan, len(y), nan, nan, nan, nan, None,
         not fit < 0.0 if options.min_fit is None else fit >= options.min_fit,
         fit_percent(y, from_beginning), _rms(y - from_beginning),
-        rmse_counts=float(rmse * np.sqrt(12.0) / count) if count else None,
-        nrmse_mean=rmse / abs(float(np.mean(y))) if output == "motor_speed" else None,
+        rmse_counts=float(rmse * np.sqrt(12.0) / count) if count else UNSET,
+        nrmse_mean=rmse / abs(float(np.mean(y))) if output == "motor_speed" else UNSET,
         sensor_rmse=_rms(np.array([s.sensor for s in signals])),
-        parameters_rmse=_rms(np.array(parameter_errors)) if parameter_errors else None)
+        parameters_rmse=_rms(np.array(parameter_errors)) if parameter_errors else UNSET)
 
 
 def _rms(values: np.ndarray) -> float:
@@ -149,9 +151,9 @@ def _ratios_finding(name: str) -> list[Finding]:
         "To validate on a record with torque, fit a coast-down with a known scale.")]
 
 
-def _unexplained_findings(check: RecordCheck) -> list[Finding]:
+def _unexplained_findings(check: CheckSection) -> list[Finding]:
     """A quantised angle whose error exceeds quantisation; the noise of another sensor need not be white."""
-    if check.rmse_counts is None or not check.sensor_rmse:
+    if check.rmse_counts is UNSET or not check.sensor_rmse:
         return []
     if check.rmse <= np.hypot(
             MAX_ERROR_TO_COUNTS * check.sensor_rmse, PARAMETER_ERROR_STDS * (check.parameters_rmse or 0.0)):
@@ -162,12 +164,12 @@ def _unexplained_findings(check: RecordCheck) -> list[Finding]:
         f"rms error of {check.rmse:.3g} {check.unit}, {times:.4g} times that of quantisation alone. It exceeds "
         "what the uncertainty of the model explains: the friction differs from that of the model.",
         {"rmse": check.rmse, "rmse_counts": check.rmse_counts, "times": times,
-         **({} if check.parameters_rmse is None else {"parameters_rmse": check.parameters_rmse})},
+         **({} if check.parameters_rmse is UNSET else {"parameters_rmse": check.parameters_rmse})},
         "Fit this record too (steady --method coast-down): that fit decides between a changed "
         "friction (scatter-beyond-noise) and another friction law (nonlinear-friction).")]
 
 
-def _plot(e: Experiment, runs: Sequence[CoastDownComparison], check: RecordCheck) -> PlotData:
+def _plot(e: Experiment, runs: Sequence[CoastDownComparison], check: CheckSection) -> PlotData:
     """Measured and simulated speed, and the error."""
     time = np.concatenate([r.time for r in runs])
     y, s = (np.concatenate([getattr(r.speed, part) for r in runs]) for part in ("measured", "simulated"))
@@ -177,7 +179,7 @@ def _plot(e: Experiment, runs: Sequence[CoastDownComparison], check: RecordCheck
         {"measured": (time, y), "simulated": (time, s), "residual": (time, y - s)})
 
 
-def _verdict(checks: Sequence[RecordCheck], unseen: bool) -> str:
+def _verdict(checks: Sequence[CheckSection], unseen: bool) -> str:
     """One sentence about all, with the figures of the worst record."""
     missed = [c for c in checks if not c.passed]
     speeds = [c for c in checks if c.output == "motor_speed"]
@@ -187,7 +189,7 @@ def _verdict(checks: Sequence[RecordCheck], unseen: bool) -> str:
     figures = f"{worst.file} (model {worst.model}): "
     if angle is not None:
         counts = angle.rmse_counts
-        in_counts = "" if counts is None else f", {counts:{'.3f' if counts < 10.0 else '.4g'}} count/sqrt(12)"
+        in_counts = "" if counts is UNSET else f", {counts:{'.3f' if counts < 10.0 else '.4g'}} count/sqrt(12)"
         figures += f"angle rmse {angle.rmse:.3g} {angle.unit}{in_counts}; "
     rpm = f" ({worst.rmse * RPM_PER_RAD_S:.3g} rpm)" if worst.unit == "rad/s" else ""
     figures += (f"speed rmse {worst.rmse:.3g} {worst.unit}{rpm}, {100.0 * worst.nrmse:.2g} % of the range and "

@@ -10,7 +10,8 @@ from drivetool.check.validation import remarks
 from drivetool.check.validation.correlation import Correlation, correlate, whiteness
 from drivetool.check.validation.freerun import drift_findings, noise_limit_findings
 from drivetool.check.validation.replay import Replay, replay, resonances, start_state_findings
-from drivetool.check.validation.result import RecordCheck, ValidateOptions, Validation
+from drivetool.check.validation.result import ValidateOptions, Validation
+from drivetool.check.validation.sections import CheckSection
 from drivetool.drive import Drive
 from drivetool.errors import Finding, NotEnoughData
 from drivetool.identify.estimate import Covariance, PlotData, fit_percent, fit_text, only_rounding
@@ -43,10 +44,10 @@ def validate(experiments: Sequence[Experiment], models: Sequence[SimulatedModel]
     seen = [frozenset(hashes) for hashes in fitted_on] or [frozenset()] * len(models)
     files, names = number_duplicates([e.name for e in experiments]), number_duplicates([name
                                                                                         for name, _, _ in models])
-    checks: list[RecordCheck] = []
+    checks: list[CheckSection] = []
     findings: list[Finding] = []
-    limited: list[RecordCheck] = []
-    to_rounding: list[RecordCheck] = []
+    limited: list[CheckSection] = []
+    to_rounding: list[CheckSection] = []
     exhibits: list[PlotData] = []
     for name, (_, drive, noise), hashes, covariance in zip(
             names, models, seen, known or [None] * len(models), strict=True):
@@ -82,7 +83,7 @@ def _correlation(run: Replay, m: int, experiment: Experiment, drive: Drive, seed
 
 
 def _check(name: str, file: str, experiment: Experiment, run: Replay, m: int,
-           correlation: Correlation | None, options: ValidateOptions) -> RecordCheck:
+           correlation: Correlation | None, options: ValidateOptions) -> CheckSection:
     """The figures of one output."""
     y, simulated = run.measured[:, m], run.simulated[:, m]
     known = np.isfinite(y)
@@ -93,7 +94,7 @@ def _check(name: str, file: str, experiment: Experiment, run: Replay, m: int,
     nan = float("nan")
     largest = nan if correlation is None else correlation.largest
     value_range, total = float(np.ptp(y)), float(np.sum((y - y.mean()) ** 2))
-    return RecordCheck(
+    return CheckSection(
         name, file, run.outputs[m], _unit_of_role(run.outputs[m], experiment), fit, one_step, rmse,
         rmse / value_range if value_range else nan,
         1.0 - float(e @ e) / total if value_range and total else nan, int(known.sum()), largest,
@@ -117,7 +118,7 @@ def _meets_min_fit(fit: float, options: ValidateOptions) -> bool:
     return not fit < 0.0 if options.min_fit is None else fit >= options.min_fit
 
 
-def _plots(experiment: Experiment, run: Replay, m: int, check: RecordCheck,
+def _plots(experiment: Experiment, run: Replay, m: int, check: CheckSection,
               correlation: Correlation | None, options: ValidateOptions) -> list[PlotData]:
     """Measured and simulated, and the correlation with its bands."""
     label, which = check.output.replace("_", " "), f"{check.file}, model {check.model}"

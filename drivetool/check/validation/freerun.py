@@ -8,7 +8,7 @@ import numpy as np
 
 from drivetool.check.validation.correlation import DEPENDENCE_SIGNIFICANCE
 from drivetool.check.validation.replay import Replay, simulated
-from drivetool.check.validation.result import RecordCheck
+from drivetool.check.validation.sections import CheckSection
 from drivetool.drive import Drive
 from drivetool.errors import Finding
 from drivetool.identify.estimate import fit_percent
@@ -20,7 +20,7 @@ FREE_RUN_DRAWS = 20  # runs with other torque noise. A choice: their lowest fit 
 DRIFT_SIGNIFICANCE = 4.0
 
 
-def drift_findings(experiment: Experiment, drive: Drive, run: Replay, check: RecordCheck) -> list[Finding]:
+def drift_findings(experiment: Experiment, drive: Drive, run: Replay, check: CheckSection) -> list[Finding]:
     """A free run of a speed whose error is mostly a ramp, steeper than noise explains.
 
     run, check  of whole stretches, not segments; the first output
@@ -49,7 +49,7 @@ def drift_findings(experiment: Experiment, drive: Drive, run: Replay, check: Rec
     return []
 
 
-def noise_limit_findings(run: Replay, check: RecordCheck, limit: float, seed: int) -> list[Finding]:
+def noise_limit_findings(run: Replay, check: CheckSection, limit: float, seed: int) -> list[Finding]:
     """How well the model would follow its own motion under other torque noise.
 
     A little noise decides when backlash closes: a long free run of a true model then diverges from the

@@ -7,7 +7,8 @@ from collections.abc import Collection, Sequence
 import numpy as np
 
 from drivetool.check.validation.correlation import DEPENDENCE_SIGNIFICANCE, Correlation
-from drivetool.check.validation.result import RecordCheck, ValidateOptions
+from drivetool.check.validation.result import ValidateOptions
+from drivetool.check.validation.sections import CheckSection
 from drivetool.errors import Finding
 from drivetool.identify.estimate import fit_text, rounding_finding
 from drivetool.logs import Experiment
@@ -18,7 +19,7 @@ CLEAR_RMSE_RATIO = 1.05  # ratio of two errors from which one model counts as be
 
 
 def record_findings(experiment: Experiment, experiments: Sequence[Experiment], fitted_on: Collection[str],
-              check: RecordCheck) -> list[Finding]:
+              check: CheckSection) -> list[Finding]:
     """Whether the fit has seen the record, or anything like it.
 
     experiments  all recordings; those that the fit has seen show its range
@@ -47,7 +48,7 @@ def record_findings(experiment: Experiment, experiments: Sequence[Experiment], f
     return found
 
 
-def residual_findings(check: RecordCheck, correlation: Correlation | None, options: ValidateOptions,
+def residual_findings(check: CheckSection, correlation: Correlation | None, options: ValidateOptions,
              exact: bool = False) -> list[Finding]:
     """Limits that are missed, and the test of the residual; exact: that is rounding alone."""
     where, found = _output_text(check), fit_findings(check, options)
@@ -77,12 +78,12 @@ def residual_findings(check: RecordCheck, correlation: Correlation | None, optio
     return found
 
 
-def depends_on_torque(check: RecordCheck, options: ValidateOptions) -> bool:
+def depends_on_torque(check: CheckSection, options: ValidateOptions) -> bool:
     """Whether the residual depends on the torque; one that could not be tested does not."""
     return check.max_correlation > options.max_correlation or check.correlation_p < DEPENDENCE_SIGNIFICANCE
 
 
-def fit_findings(check: RecordCheck, options: ValidateOptions,
+def fit_findings(check: CheckSection, options: ValidateOptions,
            subject: str = "A free run fits") -> list[Finding]:
     """A fit below its limit, or without a limit below zero; subject: of "fits worse than its mean"."""
     explained, found = _fit_text(check), []
@@ -101,7 +102,7 @@ def fit_findings(check: RecordCheck, options: ValidateOptions,
     return found
 
 
-def ranking_findings(checks: Sequence[RecordCheck]) -> list[Finding]:
+def ranking_findings(checks: Sequence[CheckSection]) -> list[Finding]:
     """A finding where the model with the smallest error depends on the start state: fitted or measured."""
     found = []
     for file, output in dict.fromkeys((c.file, c.output) for c in checks):
@@ -121,8 +122,8 @@ def ranking_findings(checks: Sequence[RecordCheck]) -> list[Finding]:
     return found
 
 
-def verdict(checks: Sequence[RecordCheck], options: ValidateOptions, unseen: bool,
-            limited: Collection[RecordCheck] = (), exact: Collection[RecordCheck] = ()) -> str:
+def verdict(checks: Sequence[CheckSection], options: ValidateOptions, unseen: bool,
+            limited: Collection[CheckSection] = (), exact: Collection[CheckSection] = ()) -> str:
     """One sentence about the validation.
 
     unseen   whether any record is one the fit has not seen
@@ -158,7 +159,7 @@ def verdict(checks: Sequence[RecordCheck], options: ValidateOptions, unseen: boo
     return start + ("." if unseen else "; but every record was used for the fit, so this is not a validation.")
 
 
-def _fit_text(check: RecordCheck) -> str:
+def _fit_text(check: CheckSection) -> str:
     """A fit in words: below zero, a constant would explain more."""
     where, fit = _output_text(check), check.simulation_fit_percent
     if np.isnan(fit):
@@ -167,7 +168,7 @@ def _fit_text(check: RecordCheck) -> str:
     return f"the simulation explains {share} of {where}"
 
 
-def _output_text(check: RecordCheck) -> str:
+def _output_text(check: CheckSection) -> str:
     return f"the {check.output.replace('_', ' ')} in {check.file} (model {check.model})"
 
 

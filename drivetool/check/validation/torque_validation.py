@@ -7,7 +7,8 @@ from collections.abc import Iterable, Sequence
 import numpy as np
 
 from drivetool.check.validation import remarks
-from drivetool.check.validation.result import RecordCheck, ValidateOptions, Validation
+from drivetool.check.validation.result import ValidateOptions, Validation
+from drivetool.check.validation.sections import CheckSection
 from drivetool.drive import Drive
 from drivetool.errors import BadOption, Finding, NotEnoughData
 from drivetool.identify.estimate import PlotData, fit_text
@@ -37,7 +38,7 @@ def validate_torque(experiments: Sequence[Experiment], models: Sequence[tuple[st
                         "Leave them out, or --criterion.")
     seen = [frozenset(hashes) for hashes in fitted_on] or [frozenset()] * len(models)
     files, names = number_duplicates([e.name for e in experiments]), number_duplicates([name for name, _ in models])
-    checks: list[RecordCheck] = []
+    checks: list[CheckSection] = []
     findings: list[Finding] = []
     exhibits: list[PlotData] = []
     for name, (_, drive), hashes in zip(names, models, seen, strict=True):
@@ -55,14 +56,14 @@ def validate_torque(experiments: Sequence[Experiment], models: Sequence[tuple[st
 
 
 def _check_record(name: str, file: str, e: Experiment, drive: Drive,
-             options: ValidateOptions) -> tuple[RecordCheck, PlotData]:
+             options: ValidateOptions) -> tuple[CheckSection, PlotData]:
     roles = roles_of([e], drive)
     q = regression_of([e], drive, (), roles.outputs[0], roles.inputs[1:]).with_motion()[0]
     if not q.used.any():
         raise NotEnoughData("samples in which the motor moves", f"none in {e.name}",
                             "Record while the motor moves.")
     f, nan, value_range = torque_fit([q]), float("nan"), float(np.ptp(q.torque[q.used]))
-    check = RecordCheck(
+    check = CheckSection(
         name, file, "motor_torque", e.torque_unit, f.fit_percent, None, f.rmse,
         f.rmse / value_range if value_range else nan, 1.0 - f.over_sd**2, f.n, nan, nan, nan, nan, None,
         f.fit_percent >= (0.0 if options.min_fit is None else options.min_fit),  # a constant torque has no fit
@@ -71,7 +72,7 @@ def _check_record(name: str, file: str, e: Experiment, drive: Drive,
     return check, torque_picture(e, q, title)
 
 
-def _verdict(checks: Sequence[RecordCheck], unseen: bool) -> str:
+def _verdict(checks: Sequence[CheckSection], unseen: bool) -> str:
     missed = [c for c in checks if not c.passed]
     worst = min(missed or checks, key=lambda c: np.nan_to_num(c.simulation_fit_percent, nan=-np.inf))
     share = fit_text(worst.simulation_fit_percent)

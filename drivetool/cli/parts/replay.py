@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 from drivetool.errors import Finding
 
 if TYPE_CHECKING:
-    from drivetool.check.validation import RecordCheck, ValidateOptions, Validation
+    from drivetool.check.validation import CheckSection, ValidateOptions, Validation
     from drivetool.drive import Drive
     from drivetool.identify.estimate import PlotData
     from drivetool.logs import Experiment
@@ -32,7 +32,7 @@ def replay_gains(experiments: Sequence[Experiment], models: Sequence[tuple[str, 
 
     name, digest, file = load_gains(path)
     wiring, settings = controller_of(file, name, configuration)
-    checks: list[RecordCheck] = []
+    checks: list[CheckSection] = []
     plots: list[PlotData] = []
     found: list[Finding] = []
     tuned_on = {entry.sha256 for entry in file.inputs}
@@ -53,17 +53,17 @@ def replay_gains(experiments: Sequence[Experiment], models: Sequence[tuple[str, 
 
 
 def _replay_check(model: str, experiment: Experiment, run: LoopReplay, role: str,
-                  options: ValidateOptions) -> RecordCheck:
+                  options: ValidateOptions) -> CheckSection:
     """One signal; residual tests need an open loop and are left out."""
     import numpy as np
 
-    from drivetool.check.validation import RecordCheck
+    from drivetool.check.validation import CheckSection
 
     y = run.measured[role][np.isfinite(run.measured[role])]
     output_range, total = float(np.ptp(y)), float(np.sum((y - y.mean()) ** 2))
     unit = experiment.torque_unit if role.endswith("torque") else f"{experiment.motion_unit}/s"
     fit, rmse = run.fits[role], run.rmse[role]
-    return RecordCheck(
+    return CheckSection(
         model, experiment.name, role, unit, fit, None, rmse, rmse / output_range if output_range else NAN,
         1.0 - rmse**2 * len(y) / total if output_range and total else NAN, len(y), NAN, NAN, NAN, NAN, None,
         options.min_fit is None or fit >= options.min_fit)

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import asdict
-
 import msgspec
 import numpy as np
 
@@ -11,9 +9,9 @@ from drivetool.drive import Drive
 from drivetool.errors import BadParameters
 from drivetool.files.results.result_file import Inputs, file_sections, finding_sections, tool_section
 from drivetool.files.shapes import analysis_shapes as shapes
-from drivetool.files.yaml import Loaded, to_plain
+from drivetool.files.yaml import Loaded, written
 from drivetool.identify.estimate import Covariance
-from drivetool.identify.several import Figure, Side, Swap, SwapLine
+from drivetool.identify.several import Figure, Side, Swap
 from drivetool.logs import number_duplicates
 
 
@@ -68,16 +66,5 @@ def swap_file(found: Swap, inputs: Inputs = ()) -> shapes.ComparisonFile:
     """The comparison as `show` reads it."""
     return shapes.ComparisonFile(
         schema=shapes.COMPARISON_SCHEMA, tool=tool_section(), step="compare", outcome=found.outcome,
-        structures=[], cross=[], spread=[], differences=[], swap=shapes.SwapSection(
-            first=found.first, second=found.second, lines=[_swap_line_section(each) for each in found.lines],
-            derived=[_swap_line_section(each) for each in found.derived], chi_square=to_plain(found.chi_square),
-            degrees=found.degrees, p=to_plain(found.p), agree=found.agree),
+        structures=[], cross=[], spread=[], differences=[], swap=written(found, shapes.SwapSection),
         findings=finding_sections(found.findings), data=[], inputs=file_sections(inputs), options={"swap": True})
-
-
-def _swap_line_section(line: SwapLine) -> shapes.SwapLineSection:
-    """A line as a section."""
-    content = to_plain(asdict(line))
-    for pair in ("values", "stds"):
-        content[pair] = tuple(content[pair])
-    return shapes.SwapLineSection(**content, differs=line.differs)

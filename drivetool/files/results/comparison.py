@@ -2,11 +2,9 @@
 
 from __future__ import annotations
 
-from dataclasses import asdict
-
 from drivetool.files.results.result_file import Inputs, file_sections, finding_sections, tool_section
 from drivetool.files.shapes import analysis_shapes as shapes
-from drivetool.files.yaml import to_plain
+from drivetool.files.yaml import to_plain, written
 from drivetool.identify.several import Comparison
 
 
@@ -14,16 +12,13 @@ def comparison_file(found: Comparison, inputs: Inputs = ()) -> shapes.Comparison
     """Cross-tables and scatter over the experiments, as `show` reads them."""
     structures = [{"structure": m.structure, "record": m.record, "noise_parameters": m.noise_parameters,
                    "unstable": m.unstable, "why_not": m.failure} for m in found.models]
-    spread = [shapes.SpreadSection(
-        structure=s.structure, name=s.name, unit=s.unit, values=to_plain(list(s.values)),
-        stds=to_plain(list(s.stds)), mean=to_plain(s.mean), std=to_plain(s.std),
-        standard_error=to_plain(s.standard_error)) for s in found.spread]
     return shapes.ComparisonFile(
         schema=shapes.COMPARISON_SCHEMA, tool=tool_section(), step="compare", outcome=found.outcome,
         structures=to_plain(structures),
         cross=[shapes.CrossSection(structure=s, fitted_on=a, checked_on=b, simulation_fit_percent=to_plain(v))
                for (s, a, b), v in found.cross.items()],
-        spread=spread, differences=[shapes.DifferenceSection(**to_plain(asdict(d))) for d in found.differences],
+        spread=[written(each, shapes.SpreadSection) for each in found.spread],
+        differences=[written(each, shapes.DifferenceSection) for each in found.differences],
         findings=finding_sections(found.findings), data=file_sections(found.data),
         inputs=file_sections(inputs),
         options=to_plain(found.options))

@@ -10,16 +10,23 @@ from typing import Any, Literal
 import msgspec
 
 import drivetool
-from drivetool.check.validation import RecordCheck, Validation
+from drivetool.check.validation import CheckSection, Validation
 from drivetool.drive import TOTALS, Drive, is_constant
 from drivetool.errors import Finding
 from drivetool.files.shapes import parameter_shapes as shapes
-from drivetool.files.yaml import to_json, to_plain, to_yaml
+from drivetool.files.yaml import to_json, to_plain, to_yaml, written
 from drivetool.finding_codes import DOUBTING
-from drivetool.identify.estimate import Z95, Covariance, Estimate, FoundLaw, Parameter, Starts, derived_figures_of
+from drivetool.identify.estimate import (
+    Z95,
+    Covariance,
+    Estimate,
+    FoundLaw,
+    Parameter,
+    StartsSection,
+    derived_figures_of,
+)
 
 COPIED_PARAMETER = "copied from the parameter file, not used in this step"
-COAST_DOWN_FIGURES = ("rmse_counts", "nrmse_mean", "sensor_rmse", "parameters_rmse")
 Form = Literal["yaml", "json"]
 Inputs = Sequence[tuple[str, str]]
 
@@ -71,7 +78,7 @@ def estimate_file(estimate: Estimate, inputs: Inputs = (),
         parameters={n: parameters[n] for n in sorted(parameters, key=lambda n: order.get(n, len(order)))},
         derived=_derived_sections(estimate) or msgspec.UNSET, explanation=estimate.explanation or msgspec.UNSET,
         laws=_law_sections(estimate.laws) or msgspec.UNSET,
-        fit=to_plain(estimate.fit), starts=_starts_section(estimate.starts),
+        fit=to_plain(estimate.fit), starts=estimate.starts and written(estimate.starts, StartsSection),
         findings=finding_sections(estimate.findings),
         covariance=_covariance_section(estimate.covariance), noise=to_plain(estimate.noise), **(carried or {}),
         details=to_plain(estimate.details), records=file_sections(drive.records.items()) or msgspec.UNSET,
@@ -83,16 +90,10 @@ def validation_file(validation: Validation, inputs: Inputs = ()) -> shapes.Valid
     return shapes.ValidationFile(
         schema=shapes.VALIDATION_SCHEMA, tool=tool_section(), step="validate", verdict=validation.verdict,
         passed=all(check.passed for check in validation.checks),
-        checks=[_check_section(check) for check in validation.checks],
+        checks=[written(check, CheckSection) for check in validation.checks],
         findings=finding_sections(validation.findings), data=file_sections(validation.data),
         inputs=file_sections(inputs),
         options=to_plain(validation.options))
-
-
-def _check_section(check: RecordCheck) -> shapes.CheckSection:
-    """One check; figures of coast-downs are left out of others."""
-    entry = to_plain(asdict(check))
-    return shapes.CheckSection(**{k: v for k, v in entry.items() if k not in COAST_DOWN_FIGURES or v is not None})
 
 
 def drive_section(drive: Drive) -> shapes.DriveSection:
@@ -163,11 +164,6 @@ def _covariance_section(covariance: Covariance | None) -> shapes.CovarianceSecti
     if not keep or any(value is None for row in rows for value in row):
         return None
     return shapes.CovarianceSection(names=[covariance.names[i] for i in keep], matrix=rows)
-
-
-def _starts_section(starts: Starts | None) -> shapes.StartsSection | None:
-    """The agreement of the multi-start; None without several starts."""
-    return None if starts is None else shapes.StartsSection(**to_plain(asdict(starts)))
 
 
 def finding_sections(findings: Iterable[Finding]) -> list[shapes.FindingSection]:

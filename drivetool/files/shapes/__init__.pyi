@@ -7,8 +7,6 @@ from . import (
 from .analysis_shapes import (
     ComparisonFile as ComparisonFile,
     SpectraFile as SpectraFile,
-    SwapLineSection as SwapLineSection,
-    SwapSection as SwapSection,
 )
 from .gains_shapes import (
     GAINS_SCHEMA as GAINS_SCHEMA,

@@ -8,19 +8,17 @@ import msgspec
 from msgspec import UNSET, Meta, UnsetType
 
 from drivetool.check.outcome import State, Verdict
+from drivetool.check.validation import CheckSection
 from drivetool.finding_codes import RENAMED
+from drivetool.identify.estimate import StartsSection
+from drivetool.results import Number, Shape
 
 PARAMETERS_SCHEMA = "drivetool/parameters/1"
 VALIDATION_SCHEMA = "drivetool/validation/1"
 # Of a std beside findings that something is missing from the structure.
 IF_COMPLETE = "the +- assumes a complete model of the drive, which a finding questions"
 
-Number = float | None
 Plain = dict[str, Any]
-
-
-class Shape(msgspec.Struct, forbid_unknown_fields=True, kw_only=True, frozen=True):
-    """Base of every section: a key nobody knows is a typo, hence an error."""
 
 
 class Tool(Shape):
@@ -95,15 +93,6 @@ class DerivedSection(Shape):
     reason: Annotated[str, Meta(description="why there is no std")] = ""
 
 
-class StartsSection(Shape):
-    """How the starts of the fit agreed."""
-
-    tried: Annotated[int, Meta(description="descents from different starts")]
-    agreed: Annotated[int, Meta(description="those that ended as good as the best")]
-    spread: Annotated[dict[str, float], Meta(
-        description="largest difference between the values that these ended at")] = {}
-
-
 class FindingSection(Shape):
     """Something a person should know."""
 
@@ -126,43 +115,6 @@ class FileSection(Shape):
     sha256: str
     began: Annotated[
         str | UnsetType, Meta(description="when the recording began by its own clock (UTC)")] = UNSET
-
-
-class CheckSection(Shape):
-    """One model on one record it has not seen."""
-
-    model: str
-    file: str
-    output: str
-    unit: str
-    simulation_fit_percent: Annotated[
-        Number, Meta(description="of a free run, its start state fitted; null for a constant signal")]
-    one_step_fit_percent: Annotated[
-        Number, Meta(description="of one-step predictions; not a simulation")]
-    rmse: Annotated[Number, Meta(description="of that free run, in unit")]
-    nrmse: Annotated[Number, Meta(description="rmse over the range of the output")]
-    r2: Number
-    n: int
-    max_correlation: Annotated[
-        Number, Meta(description="largest cross-correlation of residual and input")]
-    band: Annotated[Number, Meta(description="97 % band for one lag, Bartlett-corrected")]
-    lags_outside_percent: Number
-    correlation_p: Annotated[Number, Meta(description="family-wise, over all the lags")]
-    whiteness_p: Annotated[Number, Meta(description="of the one-step errors, information only")]
-    passed: bool
-    measured_start_fit_percent: Annotated[
-        Number, Meta(description="of a free run from the state of the first samples; null for segments")] = None
-    measured_start_rmse: Annotated[Number, Meta(description="of that free run, in unit")] = None
-    rmse_percent: Annotated[Number, Meta(
-        description="by inverse dynamics: rmse over the root mean square of the torque")] = None
-    rmse_counts: Annotated[float | UnsetType, Meta(
-        description="of an angle by counts: rmse over count/sqrt(12); 1 is what counts alone leave")] = UNSET
-    nrmse_mean: Annotated[float | UnsetType, Meta(
-        description="of a run-down's speed: rmse over its mean; nrmse is over its range")] = UNSET
-    sensor_rmse: Annotated[float | UnsetType, Meta(
-        description="of a run-down: rmse that the sensor alone leaves, in unit")] = UNSET
-    parameters_rmse: Annotated[float | UnsetType, Meta(
-        description="of a run-down: rmse that the uncertainty of the parameters makes, in unit")] = UNSET
 
 
 class SizeSection(Shape):

@@ -7,8 +7,9 @@ from rich.console import Console
 from rich.table import Table
 from rich.text import Text
 
-from drivetool.files.shapes import ComparisonFile, SpectraFile, SwapLineSection, SwapSection
+from drivetool.files.shapes import ComparisonFile, SpectraFile
 from drivetool.files.tables.result_tables import rounded, short, short_labels
+from drivetool.identify.several import SwapLineSection, SwapSection
 
 
 def print_analysis(file: SpectraFile | ComparisonFile, console: Console) -> None:

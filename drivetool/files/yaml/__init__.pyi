@@ -19,5 +19,6 @@ from .text import (
     to_json as to_json,
     to_plain as to_plain,
     to_yaml as to_yaml,
+    written as written,
 )
 from .units import torque_over_input as torque_over_input

@@ -6,11 +6,15 @@ import json
 import math
 import re
 from collections.abc import Mapping
-from typing import Any
+from typing import Any, TypeVar
 
+import msgspec
 import yaml
 
 from drivetool.errors import BadParameters
+from drivetool.results import Shape
+
+Result = TypeVar("Result", bound=Shape)
 
 # YAML 1.1, which PyYAML follows, takes 1e-5 for text; a person who writes it means a number.
 _NUMBER = re.compile(r"^[-+]?(?:\.[0-9]+|[0-9]+\.?[0-9]*)[eE][-+]?[0-9]+$")
@@ -68,7 +72,13 @@ def _rounded(value: float) -> float:
 
 
 def to_plain(value: Any) -> Any:
-    """Mappings, lists, text, whole numbers and rounded floats only; NaN and infinity are None."""
+    """Mappings, lists, text, whole numbers and rounded floats only; NaN and infinity are None.
+
+    A struct becomes a mapping, without what is left out.
+    """
+    if isinstance(value, msgspec.Struct):
+        fields = {name: getattr(value, name) for name in value.__struct_fields__}
+        return to_plain({name: each for name, each in fields.items() if each is not msgspec.UNSET})
     if isinstance(value, Mapping):
         return {str(key): to_plain(item) for key, item in value.items()}
     if isinstance(value, list | tuple):
@@ -82,6 +92,12 @@ def to_plain(value: Any) -> Any:
     if hasattr(value, "tolist"):  # NumPy arrays and scalars, without importing NumPy
         return to_plain(value.tolist())
     raise TypeError(f"{type(value).__name__} cannot be written to a file; give numbers, text, lists or mappings")
+
+
+def written(section: Shape, kind: type[Result]) -> Result:
+    """What a file has of a result, a struct of that kind or with further fields, its numbers rounded."""
+    content = {name: getattr(section, name) for name in kind.__struct_fields__}
+    return msgspec.convert(to_plain({n: v for n, v in content.items() if v is not msgspec.UNSET}), kind)
 
 
 def counted_noun(n: int, noun: str) -> str:

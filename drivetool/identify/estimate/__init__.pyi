@@ -6,7 +6,6 @@ from .estimate import (
     HeatMap as HeatMap,
     Parameter as Parameter,
     PlotData as PlotData,
-    Starts as Starts,
     without_intervals as without_intervals,
 )
 from .interval_and_status import (
@@ -28,3 +27,4 @@ from .rounding import (
     only_rounding as only_rounding,
     rounding_finding as rounding_finding,
 )
+from .sections import StartsSection as StartsSection

@@ -10,6 +10,7 @@ import numpy as np
 
 from drivetool.drive import Drive
 from drivetool.errors import Finding
+from drivetool.identify.estimate.sections import StartsSection
 from drivetool.logs import Source
 
 Status = Literal["fitted", "held", "at-bound", "not-identifiable"]
@@ -65,19 +66,6 @@ class Covariance:
 
     names: tuple[str, ...]
     matrix: np.ndarray
-
-
-@dataclass(frozen=True)
-class Starts:
-    """The agreement of a multi-start fit.
-
-    tried   fits from different starts; agreed: those whose optimum is as good as the best
-    spread  largest difference between the optima of these, per fitted parameter
-    """
-
-    tried: int
-    agreed: int
-    spread: Mapping[str, float]
 
 
 @dataclass(frozen=True)
@@ -143,7 +131,7 @@ class Estimate:
     data: tuple[Source, ...] = ()
     options: Mapping[str, object] = field(default_factory=dict)
     exhibits: tuple[PlotData, ...] = ()
-    starts: Starts | None = None
+    starts: StartsSection | None = None
     explanation: str = ""
     laws: tuple[FoundLaw, ...] = ()
     ratios: tuple[Parameter, ...] = ()

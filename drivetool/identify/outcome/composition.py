@@ -14,7 +14,7 @@ from drivetool.identify.estimate import (
     Estimate,
     Parameter,
     PlotData,
-    Starts,
+    StartsSection,
     covariance_of,
     explains_to_rounding,
     fit_percent,
@@ -186,11 +186,11 @@ def _contradicted_start_findings(outcome: Outcome) -> list[Finding]:
         outcome.drive, outcome.task.roles, problem, solution.point, fit and fit.noise, variance)
 
 
-def starts_of(outcome: Outcome) -> Starts:
+def starts_of(outcome: Outcome) -> StartsSection:
     """How many starts reached the best value, and the range of their parameters."""
     ends = [s["reached"] for s in outcome.starts if start_agrees(outcome, s)]
     ranges = {n: max(e[n] for e in ends) - min(e[n] for e in ends) for n in ends[0]} if ends else {}
-    return Starts(len(outcome.starts), len(ends), ranges)
+    return StartsSection(len(outcome.starts), len(ends), ranges)
 
 
 def not_converged(outcome: Outcome) -> bool:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
 
 import numpy as np
 from scipy.stats import chi2, norm
@@ -13,10 +12,10 @@ from drivetool.identify.estimate import Covariance, PlotData
 from drivetool.identify.several.both_sides import (
     MIN_SIGNIFICANT_RATIO,
     Side,
-    SwapLine,
     derived_swap_lines,
     swap_lines,
 )
+from drivetool.identify.several.sections import SwapLineSection, SwapSection
 from drivetool.quantity import ELECTRIC_UNITS, name_of
 
 # Of the chi-square, as rare as one parameter beyond that.
@@ -28,24 +27,10 @@ MIN_CORRELATION_EIGENVALUE = 1e-8
 MAX_LISTED_PARAMETERS = 3  # parameters that a sentence lists, a choice for readability
 
 
-@dataclass(frozen=True)
-class Swap:
-    """Comparison of both sides.
+class Swap(SwapSection):
+    """The comparison with what a file has elsewhere."""
 
-    lines, derived      parameters, and figures that follow from them
-    chi_square, degrees, p  of all parameters that have a ratio, by both covariances; None: none has
-    agree               None: nothing can be compared
-    """
-
-    first: str
-    second: str
-    lines: tuple[SwapLine, ...]
-    derived: tuple[SwapLine, ...]
-    chi_square: float | None
-    degrees: int
-    p: float | None
-    agree: bool | None
-    outcome: str
+    outcome: str = ""
     findings: tuple[Finding, ...] = ()
     exhibits: tuple[PlotData, ...] = ()
 
@@ -60,16 +45,16 @@ def swap(first: Side, second: Side) -> Swap:
     source         Wald test of equal parameters, Casella, Berger 2002, sec. 10.3
     """
     _check_same_drive(first, second)
-    lines = tuple(swap_lines(first, second))
-    derived = tuple(derived_swap_lines(first, second))
+    lines = list(swap_lines(first, second))
+    derived = list(derived_swap_lines(first, second))
     compared = [line for line in lines if line.ratio is not None]
     chi_square, degrees = _chi_square(compared, first, second)
     p = float(chi2.sf(chi_square, degrees)) if compared else None
     differ = [line for line in (*lines, *derived) if line.differs]
     agree = None if p is None else not differ and p >= SIDES_SIGNIFICANCE
-    found = Swap(first.name, second.name, lines, derived, chi_square if compared else None, degrees, p, agree, "")
-    found = replace(found, outcome=_swap_outcome_sentence(found, differ), exhibits=_ratio_plots(found))
-    return replace(found, findings=tuple(_swap_findings(found, differ)))
+    found = Swap(first.name, second.name, lines, derived, chi_square if compared else None, degrees, p, agree)
+    found = found.replace(outcome=_swap_outcome_sentence(found, differ), exhibits=_ratio_plots(found))
+    return found.replace(findings=tuple(_swap_findings(found, differ)))
 
 
 def _check_same_drive(first: Side, second: Side) -> None:
@@ -111,7 +96,7 @@ def _check_reciprocal_ratios(mine: str, first: Side, its: str, second: Side) -> 
                             f"{other:g}", "Correct the gear ratio of one of the two files, and fit it again.")
 
 
-def _chi_square(lines: Sequence[SwapLine], first: Side, second: Side) -> tuple[float, int]:
+def _chi_square(lines: Sequence[SwapLineSection], first: Side, second: Side) -> tuple[float, int]:
     """(sum, degrees of freedom) of the differences over the sum of both covariances."""
     if not lines or first.covariance is None or second.covariance is None:
         return 0.0, 0
@@ -130,7 +115,7 @@ def _covariance_of(covariance: Covariance, names: Sequence[str]) -> np.ndarray:
     return covariance.matrix[np.ix_(index, index)]
 
 
-def _swap_outcome_sentence(found: Swap, differ: Sequence[SwapLine]) -> str:
+def _swap_outcome_sentence(found: Swap, differ: Sequence[SwapLineSection]) -> str:
     if found.p is None:
         return "No parameter has an interval in both files, so the two sides cannot be compared."
     test = f"chi-square {found.chi_square:.3g} of {found.degrees}, p {found.p:.2g}"
@@ -146,13 +131,13 @@ def _swap_outcome_sentence(found: Swap, differ: Sequence[SwapLine]) -> str:
     return f"The estimates from the two motors differ in {text}{more}: {test}."
 
 
-def _percent_change(line: SwapLine) -> str:
+def _percent_change(line: SwapLineSection) -> str:
     """The difference in per cent of the first value, where there is one."""
     value, change = line.values[0], line.difference
     return f"{100.0 * change / abs(value):+.2g} %, " if value and change is not None else ""
 
 
-def _swap_findings(found: Swap, differ: Sequence[SwapLine]) -> list[Finding]:
+def _swap_findings(found: Swap, differ: Sequence[SwapLineSection]) -> list[Finding]:
     if found.agree is None:
         return [Finding("warning", "sides-not-compared", found.outcome, {},
                         "Give the files that greybox, backlash or blackbox wrote, and free the same parameters.")]

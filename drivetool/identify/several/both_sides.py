@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from math import prod
 
 import numpy as np
@@ -11,6 +11,7 @@ import numpy as np
 from drivetool.drive import GEAR_RATIO_EXPONENTS, TOTALS, Drive
 from drivetool.drive.effects import load_step
 from drivetool.identify.estimate import Covariance
+from drivetool.identify.several.sections import SwapLineSection
 from drivetool.quantity import name_of, parse_name, record_of
 
 # Joint standard deviations from which on a parameter differs: by chance one of 370 does.
@@ -60,34 +61,6 @@ class Side:
                 for n, v in self.drive.values.items()}
 
 
-@dataclass(frozen=True)
-class SwapLine:
-    """A parameter, or a figure that follows from them, on both sides.
-
-    first, second  its name in each file; empty where a file has none
-    factor         by which the second value was multiplied: across a gear it is referred to the other side
-    values, stds   first, second, both in `unit`; None where there is none
-    difference     second less first; std: its own, of independent recordings; ratio: difference over std
-    reason         why there is no difference or no ratio
-    """
-
-    first: str
-    second: str
-    unit: str
-    factor: float = 1.0
-    values: tuple[float | None, float | None] = (None, None)
-    stds: tuple[float | None, float | None] = (None, None)
-    difference: float | None = None
-    std: float | None = None
-    ratio: float | None = None
-    reason: str = ""
-
-    @property
-    def differs(self) -> bool:
-        """Whether it is beyond what both files allow."""
-        return self.ratio is not None and abs(self.ratio) > MIN_SIGNIFICANT_RATIO
-
-
 def counterpart(name: str, first: Drive, second: Drive) -> tuple[str, float]:
     """(name in the second drive, factor that refers its value to the first one); no name for what it lacks.
 
@@ -113,7 +86,7 @@ def _total_gear_ratio(drive: Drive) -> float:
     return prod(drive.value(name_of(shaft, "ratio")) or 1.0 for shaft in drive.shafts)
 
 
-def swap_lines(first: Side, second: Side) -> Iterator[SwapLine]:
+def swap_lines(first: Side, second: Side) -> Iterator[SwapLineSection]:
     """Every parameter that one of the files has, in the order of the first drive."""
     mine, its, taken = first.figures(), second.figures(), set()
     for name in first.drive.quantities:
@@ -138,7 +111,7 @@ def _why_not_compared(name: str) -> str:
     return PHASE if suffix.endswith(("_sine", "_cosine")) else ""
 
 
-def derived_swap_lines(first: Side, second: Side) -> Iterator[SwapLine]:
+def derived_swap_lines(first: Side, second: Side) -> Iterator[SwapLineSection]:
     """Figures of both files that follow from the parameters; resonances are those of the whole drive."""
     for name in dict.fromkeys((*first.derived, *second.derived)):
         factor = _total_gear_ratio(second.drive) ** 2.0 if name.startswith("total_inertia") else 1.0
@@ -149,7 +122,7 @@ def derived_swap_lines(first: Side, second: Side) -> Iterator[SwapLine]:
 
 def swap_line(name: str, other: str, factor: float, mine: Figure | None, its: Figure | None, first: str,
               second: str,
-              why_not: str = "") -> SwapLine:
+              why_not: str = "") -> SwapLineSection:
     """One figure on both sides.
 
     factor         of the second value
@@ -160,24 +133,26 @@ def swap_line(name: str, other: str, factor: float, mine: Figure | None, its: Fi
     one, two = mine or Figure(np.nan, ""), its or Figure(np.nan, "")
     values = (None if mine is None else one.value, None if its is None else two.value * factor)
     stds = (one.std, None if two.std is None else two.std * factor)
-    line = SwapLine(name, other, one.unit if mine else two.unit, factor, values, stds)
+    line = SwapLineSection(name, other, one.unit if mine else two.unit, factor, values, stds, None, None, None,
+                           False,
+                           why_not)
     if why_not:
-        return replace(line, reason=why_not)
+        return line
     if mine is None or its is None:
-        return replace(line, reason=f"only in {second if mine is None else first}")
+        return line.replace(reason=f"only in {second if mine is None else first}")
     if one.unit != two.unit:
-        return replace(line, reason=f"in {one.unit} and in {two.unit}", values=(one.value, None),
-                       stds=(one.std, None))
+        return line.replace(reason=f"in {one.unit} and in {two.unit}", values=(one.value, None),
+                            stds=(one.std, None))
     change = two.value * factor - one.value
-    line = replace(line, difference=change)
+    line = line.replace(difference=change)
     equal = abs(change) <= FILE_ROUNDING * abs(one.value)
     if stds[0] is None or stds[1] is None:
         if equal:
-            return replace(line, reason=EQUAL)
+            return line.replace(reason=EQUAL)
         unidentified = [f"no interval in {file}{f': {figure.reason}' if figure.reason else ''}"
                         for file, figure in ((first, one), (second, two)) if figure.std is None]
-        return replace(line, reason="; ".join(unidentified))
+        return line.replace(reason="; ".join(unidentified))
     if equal and abs(stds[0] - stds[1]) <= FILE_ROUNDING * stds[0]:
-        return replace(line, reason=COPIED_VALUE)
+        return line.replace(reason=COPIED_VALUE)
     std = float(np.hypot(*stds))
-    return replace(line, std=std, ratio=change / std)
+    return line.replace(std=std, ratio=change / std, differs=abs(change / std) > MIN_SIGNIFICANT_RATIO)

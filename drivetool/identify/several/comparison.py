@@ -33,7 +33,12 @@ from drivetool.identify.polynomial import (
     simulated_fit,
 )
 from drivetool.identify.setup import Options, Task, roles_of
-from drivetool.identify.several.differences import Difference, between_machines, difference_findings, differences
+from drivetool.identify.several.differences import (
+    between_machines,
+    difference_findings,
+    differences,
+)
+from drivetool.identify.several.sections import DifferenceSection, SpreadSection
 from drivetool.logs import Experiment, Source, number_duplicates
 from drivetool.quantity import names_of
 
@@ -87,20 +92,6 @@ class FittedStructure:
 
 
 @dataclass(frozen=True)
-class FigureScatter:
-    """A figure over experiments: values and stated std per record, mean, std and standard error over them."""
-
-    structure: str
-    name: str
-    unit: str
-    values: tuple[float | None, ...]
-    stds: tuple[float | None, ...]
-    mean: float | None
-    std: float | None
-    standard_error: float | None
-
-
-@dataclass(frozen=True)
 class Comparison:
     """cross: (structure, fitted on, checked on) -> fit [%] or None; spread: scatter per structure and figure.
 
@@ -109,8 +100,8 @@ class Comparison:
 
     models: tuple[FittedStructure, ...]
     cross: Mapping[tuple[str, str, str], float | None]
-    spread: tuple[FigureScatter, ...]
-    differences: tuple[Difference, ...]
+    spread: tuple[SpreadSection, ...]
+    differences: tuple[DifferenceSection, ...]
     outcome: str
     findings: tuple[Finding, ...]
     data: tuple[Source, ...]
@@ -151,7 +142,7 @@ def compare(experiments: Sequence[Experiment], drive: Drive, options: CompareOpt
 
 
 def _differences_of_structure(structure: str, figures: Mapping[str, Mapping[str, tuple[float, float | None, str]]],
-                              machines: Mapping[str, Sequence[str]]) -> tuple[Difference, ...]:
+                              machines: Mapping[str, Sequence[str]]) -> tuple[DifferenceSection, ...]:
     return between_machines(structure, figures, machines) if machines else differences(structure, figures)
 
 
@@ -231,7 +222,7 @@ def _validation_fit_percent(m: FittedStructure, e: Experiment) -> float | None:
     return fit_percent(y, np.concatenate([r[:, 0] for r in runs]))
 
 
-def scatter_over_records(models: Sequence[FittedStructure], records: Sequence[str]) -> list[FigureScatter]:
+def scatter_over_records(models: Sequence[FittedStructure], records: Sequence[str]) -> list[SpreadSection]:
     """Mean and scatter of every figure that all records have."""
     found = []
     for structure in dict.fromkeys(m.structure for m in models):
@@ -243,7 +234,7 @@ def scatter_over_records(models: Sequence[FittedStructure], records: Sequence[st
                 continue  # the mean of those that happen to be above a bound would be no mean
             std = float(values.std(ddof=1))
             unit = next(x[2] for x in entries if x is not None)
-            found.append(FigureScatter(
+            found.append(SpreadSection(
                 structure, name, unit, tuple(x and float(x[0]) for x in entries),
                 tuple(x and x[1] for x in entries), float(values.mean()), std, std / float(np.sqrt(len(values)))))
     return found

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
 from itertools import combinations
 
 import numpy as np
@@ -11,34 +10,15 @@ from scipy.stats import norm
 
 from drivetool.errors import Finding
 from drivetool.identify.outcome import mean_of, p_value_of_equality
+from drivetool.identify.several.sections import DifferenceSection
 
 MIN_RECORDS_PER_MACHINE = 2  # records of a machine: one alone shows no scatter from day to day
 # Probability that equal machines differ in any figure of a structure by chance: the usual choice.
 DIFFERENCE_SIGNIFICANCE = 0.05
 
 
-@dataclass(frozen=True)
-class Difference:
-    """A figure of one structure in two records, or of two machines.
-
-    change, std  second less first, and its standard deviation: by the noise within both records, or by what varies
-                 within both machines
-    p            adjusted for all figures and pairs of the structure (Holm); differs: below DIFFERENCE_SIGNIFICANCE
-    """
-
-    structure: str
-    name: str
-    unit: str
-    first: str
-    second: str
-    change: float
-    std: float
-    p: float
-    differs: bool
-
-
 def differences(structure: str, figures: Mapping[str, Mapping[str, tuple[float, float | None, str]]],
-                ) -> tuple[Difference, ...]:
+                ) -> tuple[DifferenceSection, ...]:
     """All pairs of records, figure by figure.
 
     figures  record -> name -> (value, std or None, unit); without a std it is not compared
@@ -53,12 +33,12 @@ def differences(structure: str, figures: Mapping[str, Mapping[str, tuple[float, 
             both = float(np.hypot(std, other[1]))
             found.append((name, unit, a, b, float(other[0] - value), both))
     p = holm(np.array([2.0 * norm.sf(abs(change) / std) for *_, change, std in found]))
-    return tuple(Difference(structure, *row, float(q), bool(q < DIFFERENCE_SIGNIFICANCE))
+    return tuple(DifferenceSection(structure, *row, float(q), bool(q < DIFFERENCE_SIGNIFICANCE))
                  for row, q in zip(found, p, strict=True))
 
 
 def between_machines(structure: str, figures: Mapping[str, Mapping[str, tuple[float, float | None, str]]],
-                     machines: Mapping[str, Sequence[str]]) -> tuple[Difference, ...]:
+                     machines: Mapping[str, Sequence[str]]) -> tuple[DifferenceSection, ...]:
     """All pairs of machines, figure by figure, by how each varies from recording to recording.
 
     figures   record -> name -> (value, std or None, unit)
@@ -76,7 +56,7 @@ def between_machines(structure: str, figures: Mapping[str, Mapping[str, tuple[fl
             found.append((name, estimates[0][0][2], a, b, other.value - one.value,
                           float(np.sqrt(one.variance + other.variance)), p_value_of_equality(one, other)))
     p = holm(np.array([row[-1] for row in found]))
-    return tuple(Difference(structure, *row[:-1], float(q), bool(q < DIFFERENCE_SIGNIFICANCE))
+    return tuple(DifferenceSection(structure, *row[:-1], float(q), bool(q < DIFFERENCE_SIGNIFICANCE))
                  for row, q in zip(found, p, strict=True))
 
 
@@ -89,7 +69,7 @@ def holm(p: np.ndarray) -> np.ndarray:
     return found
 
 
-def difference_findings(found: Sequence[Difference], machines: bool = False) -> list[Finding]:
+def difference_findings(found: Sequence[DifferenceSection], machines: bool = False) -> list[Finding]:
     """The differences of a structure in one sentence; one record each does not distinguish machines from days."""
     significant = [d for d in found if d.differs]
     if not significant:
@@ -110,7 +90,7 @@ def difference_findings(found: Sequence[Difference], machines: bool = False) -> 
         "Record each machine several times, at different times, and compare with --machine.")]
 
 
-def _most_significant_listed(differ: Sequence[Difference]) -> str:
+def _most_significant_listed(differ: Sequence[DifferenceSection]) -> str:
     """The three most significant ones."""
     text = "; ".join(f"{d.name} differs by {d.change:+.3g} {d.unit} from {d.first} to {d.second} "
                      f"(+- {d.std:.2g}, p {d.p:.2g})" for d in sorted(differ, key=lambda d: d.p)[:3])

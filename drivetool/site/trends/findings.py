@@ -6,13 +6,14 @@ from collections import Counter
 from collections.abc import Mapping, Sequence
 
 from drivetool.errors import Finding
+from drivetool.files.shapes import trend_shapes as shapes
 from drivetool.logs.formats import Row
 from drivetool.site.trends.alarm import DEFAULT_ALARM_RATIO
 from drivetool.site.trends.change_points import MIN_SERIES_LENGTH
 from drivetool.site.trends.outliers import Outlier
 from drivetool.site.trends.sentences import drift_text, lower_first_letter, outlier_text, series_subject, step_text
 from drivetool.site.trends.series import Series, series_of, without_copies
-from drivetool.site.trends.trend import Change, Drift, Trend, trends
+from drivetool.site.trends.trend import Change, Trend, trends
 
 MAX_NAMES_LISTED = 5  # A choice: names in a readable sentence; the rest is counted.
 # Times 1 / sqrt(n), the standard deviation of the correlation of n independent recordings: one in 700 exceeds it.
@@ -70,7 +71,7 @@ def _step_evidence(trend: Trend, change: Change) -> dict[str, float | int | str]
             "chance": change.chance}
 
 
-def _drift_evidence(trend: Trend, drift: Drift) -> dict[str, float | int | str]:
+def _drift_evidence(trend: Trend, drift: shapes.DriftSection) -> dict[str, float | int | str]:
     series = trend.series
     return {"machine": series.machine, "parameter": series.parameter, "step": series.step, "unit": series.unit,
             "first": series.recordings[0], "last": series.recordings[-1], "before": drift.before,

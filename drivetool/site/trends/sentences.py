@@ -5,9 +5,10 @@ from __future__ import annotations
 import math
 from datetime import UTC, datetime
 
+from drivetool.files.shapes import trend_shapes as shapes
 from drivetool.site.trends.outliers import Outlier
 from drivetool.site.trends.series import Series
-from drivetool.site.trends.trend import Change, Drift
+from drivetool.site.trends.trend import Change
 
 # strftime depends on the locale.
 MONTHS = ("January", "February", "March", "April", "May", "June", "July", "August", "September", "October",
@@ -44,7 +45,7 @@ def step_text(series: Series, change: Change, step: bool = False) -> str:
             f"{time_span(series, change.place - 1, change.place)}; {size}.")
 
 
-def drift_text(series: Series, drift: Drift, step: bool = False) -> str:
+def drift_text(series: Series, drift: shapes.DriftSection, step: bool = False) -> str:
     """The change by a drift over all recordings, and its slope."""
     factor, unit = display_scale(series.unit, drift.before, drift.after)
     before, after, _ = rounded_to_std(factor, drift.std, drift.before, drift.after)

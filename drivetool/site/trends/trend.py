@@ -8,6 +8,7 @@ from itertools import pairwise
 
 import numpy as np
 
+from drivetool.files.shapes import trend_shapes as shapes
 from drivetool.site.trends.alarm import DEFAULT_ALARM_RATIO
 from drivetool.site.trends.change_points import MIN_SERIES_LENGTH, ChangeModel, model_columns, select_model
 from drivetool.site.trends.day_means import TestedSeries, tested_series
@@ -19,37 +20,6 @@ from drivetool.site.trends.weights import robust_weights
 
 MIN_DAYS_FOR_SLOPE = 3  # a line over two days has no residual for its interval
 TESTS_PER_SERIES = 3  # a drift, steps, and outliers
-
-
-@dataclass(frozen=True)
-class Slope:
-    """A slope in the unit of the values per recording or per day, its std and its 95 % interval."""
-
-    value: float
-    std: float
-    ci95: tuple[float, float]
-
-
-@dataclass(frozen=True)
-class Drift:
-    """The drift of a series beside its steps.
-
-    per_recording, per_day  its slopes; per_day None where the days are not known or fewer than three
-    before, after  the line at the first and at the last recording
-    std      of the recordings, or of the means of days, about drift and steps; ratio: whole change over that
-    chance   of such a slope without a drift, for all tests of the site
-    significant  whether it is a drift; alarm: whether its ratio reaches the alarm limit
-    """
-
-    per_recording: Slope
-    per_day: Slope | None
-    before: float
-    after: float
-    std: float
-    ratio: float
-    chance: float
-    significant: bool
-    alarm: bool
 
 
 @dataclass(frozen=True)
@@ -92,7 +62,7 @@ class Trend:
     outliers: tuple[tuple[str, Outlier], ...]
     mean: RandomEffects
     parts: tuple[RandomEffects, ...]
-    drift: Drift | None
+    drift: shapes.DriftSection | None
     changes: tuple[Change, ...]
     correlation: float
     sample_count: int
@@ -159,7 +129,8 @@ def _changes_of(tested: TestedSeries, model: ChangeModel, alarm: float) -> tuple
     return tuple(found)
 
 
-def _drift_of(tested: TestedSeries, weights: np.ndarray, model: ChangeModel, tests: int, alarm: float) -> Drift:
+def _drift_of(tested: TestedSeries, weights: np.ndarray, model: ChangeModel, tests: int,
+              alarm: float) -> shapes.DriftSection:
     """The slope beside the steps of a model, also if the model has none."""
     n, means = len(tested.firsts), tested.means
     design = model_columns(n, True, model.cuts)
@@ -168,11 +139,12 @@ def _drift_of(tested: TestedSeries, weights: np.ndarray, model: ChangeModel, tes
     change = float(line_fit.coefficients[1]) * (n - 1)
     before = float(line_fit.coefficients[0]) - 0.5 * change
     ratio = abs(change) / line_fit.residual_std if line_fit.residual_std > 0.0 else float("inf")
-    return Drift(slope, _slope_per_day(means, weights, design), before, before + change, line_fit.residual_std,
+    return shapes.DriftSection(slope, _slope_per_day(means, weights, design), before, before + change,
+                               line_fit.residual_std,
                  ratio, min(line_fit.chance(1) * tests, 1.0), model.slope, model.slope and ratio >= alarm)
 
 
-def _slope_per_day(series: Series, weights: np.ndarray, design: np.ndarray) -> Slope | None:
+def _slope_per_day(series: Series, weights: np.ndarray, design: np.ndarray) -> shapes.SlopeSection | None:
     """The slope over time; None with fewer than three days, or without dates."""
     if series.starts is None or len(np.unique(series.days)) < MIN_DAYS_FOR_SLOPE:
         return None
@@ -181,7 +153,8 @@ def _slope_per_day(series: Series, weights: np.ndarray, design: np.ndarray) -> S
                                       np.column_stack([design[:, :1], time, design[:, 2:]])), 1)
 
 
-def _scaled_slope(found: WeightedFit, j: int, scale: float = 1.0) -> Slope:
+def _scaled_slope(found: WeightedFit, j: int, scale: float = 1.0) -> shapes.SlopeSection:
     """A coefficient times a unit."""
     low, high = found.interval(j)
-    return Slope(scale * float(found.coefficients[j]), scale * float(found.std[j]), (scale * low, scale * high))
+    return shapes.SlopeSection(scale * float(found.coefficients[j]), scale * float(found.std[j]),
+                               (scale * low, scale * high))

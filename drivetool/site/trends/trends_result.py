@@ -12,11 +12,11 @@ from typing import Any
 from drivetool.errors import Finding
 from drivetool.files.results import Inputs, file_sections, finding_sections, tool_section
 from drivetool.files.shapes import trend_shapes as shapes
-from drivetool.files.yaml import counted_noun, to_plain
+from drivetool.files.yaml import counted_noun, to_plain, written
 from drivetool.logs import display_name
 from drivetool.site.trends.outliers import Outlier
 from drivetool.site.trends.random_effects import RandomEffects
-from drivetool.site.trends.trend import Change, Drift, Slope, Trend
+from drivetool.site.trends.trend import Change, Trend
 
 
 def trends_file(findings: Sequence[Finding], found: Sequence[Trend], options: Mapping[str, Any],
@@ -53,7 +53,7 @@ def _series_section(trend: Trend) -> shapes.SeriesSection:
         first=series.recordings[0], last=series.recordings[-1], left_out=series.left_out,
         outliers=[_outlier_section(name, outlier) for name, outlier in trend.outliers],
         mean=_mean_section(trend.mean), parts=[_mean_section(part) for part in trend.parts],
-        drift=trend.drift and _drift_section(trend.drift),
+        drift=trend.drift and written(trend.drift, shapes.DriftSection),
         changes=[_change_section(trend, change) for change in trend.changes],
         correlation=to_plain(trend.correlation),
         reason=trend.reason)
@@ -69,17 +69,6 @@ def _mean_section(mean: RandomEffects) -> shapes.MeanSection:
     return shapes.MeanSection(
         value=to_plain(mean.value), ci95=_plain_pair(mean.ci95), std_within_day=to_plain(mean.within_day),
         std_between_days=to_plain(mean.between_days), recordings=mean.recordings, days=mean.days)
-
-
-def _drift_section(drift: Drift) -> shapes.DriftSection:
-    content = to_plain(asdict(drift))
-    slopes = {"per_recording": _slope_section(drift.per_recording),
-              "per_day": drift.per_day and _slope_section(drift.per_day)}
-    return shapes.DriftSection(**content | slopes)
-
-
-def _slope_section(slope: Slope) -> shapes.SlopeSection:
-    return shapes.SlopeSection(value=to_plain(slope.value), std=to_plain(slope.std), ci95=_plain_pair(slope.ci95))
 
 
 def _change_section(trend: Trend, change: Change) -> shapes.ChangeSection:
