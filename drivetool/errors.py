@@ -65,7 +65,7 @@ class Finding:
     severity: Severity
     code: str
     text: str
-    evidence: Mapping[str, float | int | str] = field(default_factory=dict)
+    evidence: Mapping[str, float | int | str | None] = field(default_factory=dict)
     action: str = ""
     # Two findings with the same text in a file are equal: `parameter` alone does not make a second one.
     parameter: str | None = field(default=None, compare=False)

@@ -31,7 +31,16 @@ FITTED = (
     CandidateResult("imbalance", "T = a sin(angle) + b cos(angle)", "not-shown",
                     reason="the load does not turn often enough <here> & now"),
     CandidateResult("third-mass", "", "failed", reason="the fit did not settle"))
-GAIN = Gain("rad/s", 2.0, 0.221, 0.0211, 93.4, 99.4, 0.004, 0.004, 0.02, 1.2, 8)
+
+
+def gain(before, after, fits=(90.0, 95.0), std=0.0, bar=None, floor=0.1, unexplained=0.0, blocks=0, segment=1.5):
+    """A gain of a speed with these errors."""
+    return Gain(unit="rad/s", segment=segment, held_out_rmse_before=before, held_out_rmse_after=after, rmse_std=std,
+                held_out_fit_before=fits[0], held_out_fit_after=fits[1], noise_floor=floor,
+                unexplained_percent=unexplained, rmse_bar=std if bar is None else bar, blocks=blocks)
+
+
+GAIN = gain(0.221, 0.0211, fits=(93.4, 99.4), std=0.004, floor=0.02, unexplained=1.2, blocks=8, segment=2.0)
 
 
 def views(size: int = 6000, second: bool = True) -> list[View]:

@@ -14,13 +14,13 @@ from drivetool.check.fit.significance import SEARCHED_HYPOTHESES, log_chi2_tail
 from drivetool.check.heldout.folds import blocks_of
 from drivetool.check.heldout.free_run_error import FreeRuns, blocks_under_test, gain_of
 from drivetool.check.heldout.scores import Score, log_scanned_values, total_evidence, training_evidence
-from drivetool.check.outcome.diagnosis import Gain
 from drivetool.check.search import candidate_report, heldout_test, search as searching
 from drivetool.check.search.candidate_fit import CandidateFit
 from drivetool.check.search.decision import Decision, decide, is_equivalent
 from drivetool.check.search.search import ForwardSelection
 from drivetool.drive.simulation import Trace
 from drivetool.identify.noise import minus_log_likelihood
+from tests.diagnosed import gain
 
 BASE = SimpleNamespace(task=SimpleNamespace(free=("motor.inertia",)), problem=None)
 AGREES, DISAGREES = np.full(8, 2.0) + 0.1 * np.arange(8), np.full(8, -1.0)
@@ -313,7 +313,7 @@ def test_free_runs_skip_blocks_without_a_measurement():
 def test_the_interval_of_a_gain_holds_the_gain_on_a_fresh_record(after, coverage):
     """What the base errs beyond the better model differs by a factor between records, 95 % of them within 1.75."""
     rng = np.random.default_rng(12)
-    low, high = Gain("rad/s", 1.5, 1.0, np.sqrt(after), 90.0, 95.0, 0.01, 0.01, 0.1, 0.0, 8).further_record_interval
+    low, high = gain(1.0, np.sqrt(after), std=0.01, blocks=8).further_record_interval
     beyond = (1.0 - after) * 1.75 ** (2.0 * rng.normal(size=4000) / 1.96)
     true = np.sqrt(after + beyond) - np.sqrt(after)
     assert coverage[0] <= np.mean((low <= true) & (true <= high)) <= coverage[1]
@@ -321,7 +321,7 @@ def test_the_interval_of_a_gain_holds_the_gain_on_a_fresh_record(after, coverage
 
 @pytest.mark.parametrize(("std", "low", "high"), [(0.29, 0.343, 1.05), (0.31, -0.5, 1.7)])
 def test_blocks_of_an_insignificant_gain_widen_its_interval(std, low, high):
-    made = Gain("rad/s", 1.5, 0.6, 0.0, 90.0, 95.0, std, std, 0.1, 0.0, 8)
+    made = gain(0.6, 0.0, std=std, blocks=8)
     assert made.further_record_interval == pytest.approx((low, high), abs=0.05)
 
 
@@ -329,7 +329,7 @@ def test_blocks_of_an_insignificant_gain_widen_its_interval(std, low, high):
     (1.0, 0.0, 1.0 / 1.75, 1.75), (5.0, 4.0, np.hypot(4.0, 3.0 / 1.75) - 4.0, np.hypot(4.0, 3.0 * 1.75) - 4.0),
     (4.0, 5.0, 4.0 - np.hypot(4.0, 3.0 * 1.75), 4.0 - np.hypot(4.0, 3.0 / 1.75))])
 def test_what_the_worse_model_errs_beyond_the_better_differs_between_records(before, after, low, high):
-    made = Gain("rad/s", 1.5, before, after, 90.0, 95.0, 1e-9, 1e-9, 0.1, 0.0, 8)
+    made = gain(before, after, std=1e-9, blocks=8)
     assert made.further_record_interval == pytest.approx((low, high), rel=1e-6)
 
 

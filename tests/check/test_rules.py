@@ -9,7 +9,7 @@ from types import SimpleNamespace
 import pytest
 
 from drivetool.check.fit.residual_tests import ResidualTests
-from drivetool.check.outcome.diagnosis import OUTSIDE_CATALOGUE, CandidateResult, Facts, Gain, Round
+from drivetool.check.outcome.diagnosis import OUTSIDE_CATALOGUE, CandidateResult, Facts, Round
 from drivetool.check.search.result import SelectedCauses
 from drivetool.check.verdict import facts as gathering
 from drivetool.check.verdict.facts import FACTS, facts_of
@@ -20,6 +20,7 @@ from drivetool.check.verdict.rules import (
     WEAK_SUPPORT_TEXT,
     apply_rules,
 )
+from tests.diagnosed import gain as made_gain
 
 CLEAR = Facts(causes=("backlash",), strongest="backlash", gained=300.0, before=1.0, after=0.3, scatter=0.05,
               floor=0.02)
@@ -160,7 +161,7 @@ def gathered(monkeypatch):
         monkeypatch.setattr(gathering, "error_by_noise", lambda *_: 0.7)
         monkeypatch.setattr(gathering, "share_by_speed", lambda _: 0.4)
         estimate = SimpleNamespace(noise={"torque_std": 2.0 * torque}, repeats=repeats)
-        search.judged_gain = lambda: Gain("rad/s", 1.5, before, after, 90.0, 95.0, 0.05, 0.06, 0.02, 12.0)
+        search.judged_gain = lambda: made_gain(before, after, std=0.05, bar=0.06, floor=0.02, unexplained=12.0)
         return facts_of(search, estimate)
     return of
 

@@ -10,7 +10,7 @@ import pytest
 from drivetool.check.causes.catalogue import CAUSES
 from drivetool.check.faults.record_faults import Fault
 from drivetool.check.heldout.between_records import Change, records_differ_text
-from drivetool.check.outcome.diagnosis import OUTSIDE_CATALOGUE, CandidateResult, Gain, Round, noise_hides_law
+from drivetool.check.outcome.diagnosis import OUTSIDE_CATALOGUE, CandidateResult, Round, noise_hides_law
 from drivetool.check.search.result import SelectedCauses
 from drivetool.check.verdict import size as sizing
 from drivetool.check.verdict.diagnosis_report import causes_in_base, correlated_errors_finding
@@ -18,13 +18,14 @@ from drivetool.check.verdict.sentence import experiment_of, sentence_of
 from drivetool.check.verdict.size import sizes_of
 from drivetool.identify.estimate import Covariance, Parameter
 from drivetool.identify.outcome import CORRELATED
+from tests.diagnosed import gain as made_gain
 
 NOISE = 0.02  # rad/s of the sensor
 
 
 def gain(before, after):
     """Errors of free runs in units of the sensor's noise."""
-    return Gain("rad/s", 1.5, before * NOISE, after * NOISE, 90.0, 95.0, 0.0, 0.0, NOISE, 0.0)
+    return made_gain(before * NOISE, after * NOISE, floor=NOISE)
 
 
 @pytest.mark.parametrize(("before", "after", "share", "doubted"), [

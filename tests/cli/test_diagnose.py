@@ -267,7 +267,7 @@ def test_the_page_needs_nothing_else(folder, stand_in, call):
 def test_pages_of_other_verdicts(folder, stand_in, call):
     made = diagnosed.diagnosis()
     nan = float("nan")
-    gain = replace(made.gain, noise_floor=nan, unexplained_percent=nan, rmse_std=nan)
+    gain = made.gain.replace(noise_floor=nan, unexplained_percent=nan, rmse_std=nan)
     stand_in.answer = diagnosed.diagnosis(verdict="nothing-found", causes=(), evidence={}, gain=gain,
                                        rounds=made.rounds[1:], sentence="Nothing was found.")
     call(*WORDS, "--report", "r.html", "-q")

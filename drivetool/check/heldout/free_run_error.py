@@ -113,9 +113,11 @@ def gain_by_blocks(errors: tuple[float, float], fits: tuple[float, float], squar
     errors   rms over all blocks; fits: in per cent; squares: (blocks,) mean squared errors each
     """
     roots = [s / max(2.0 * e, 1e-300) for s, e in zip(squares, errors, strict=True)]
-    return Gain(unit, segment, *errors, *fits, _std_of_mean(roots[0] - roots[1]),
-                _std_of_mean(squares[0] - squares[1]) / max(sum(errors), 1e-300), floor, unexplained,
-                len(squares[0]))
+    return Gain(
+        unit=unit, segment=segment, held_out_rmse_before=errors[0], held_out_rmse_after=errors[1],
+        rmse_std=_std_of_mean(roots[0] - roots[1]), held_out_fit_before=fits[0], held_out_fit_after=fits[1],
+        noise_floor=floor, unexplained_percent=unexplained, blocks=len(squares[0]),
+        rmse_bar=_std_of_mean(squares[0] - squares[1]) / max(sum(errors), 1e-300))
 
 
 def _std_of_mean(values: np.ndarray) -> float:

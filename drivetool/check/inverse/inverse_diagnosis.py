@@ -310,8 +310,8 @@ def _torque_gain(before: CrossValidatedFit, after: CrossValidatedFit, records: R
     i, a, b = blocks_of(split.traces)[0]
     scatter, rms = _torque_scatter(records)
     fits = [100.0 * (1.0 - e / scatter) if scatter > CONSTANT_TORQUE_TOLERANCE * rms else np.nan for e in errors]
-    return replace(gain_by_blocks(errors, (fits[0], fits[1]), squares, unit, (b - a) * split.traces[i].step, np.nan,
-                                  percent), of="torque")
+    return gain_by_blocks(errors, (fits[0], fits[1]), squares, unit, (b - a) * split.traces[i].step, np.nan,
+                          percent).replace(of="torque")
 
 
 def _torque_scatter(records: Records) -> tuple[float, float]:

@@ -9,7 +9,6 @@ from .diagnosis import (
     Facts as Facts,
     Gain as Gain,
     Round as Round,
-    State as State,
-    Verdict as Verdict,
     noise_hides_law as noise_hides_law,
 )
+from .sections import GainSection as GainSection, State as State, Verdict as Verdict

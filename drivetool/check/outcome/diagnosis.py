@@ -9,9 +9,9 @@ from typing import Literal
 import numpy as np
 from scipy.special import stdtrit
 
+from drivetool.check.outcome.sections import GainSection, State, Verdict
 from drivetool.identify.estimate import Estimate, Parameter, PlotData
 
-Verdict = Literal["nothing-found", "named", "undetermined", "unexplained"]
 # Factor at 95 % by which the error of a base that lacks a cause differs between records
 # (docs/explanation/diagnosis.md).
 ERROR_RATIO_BETWEEN_RECORDS = 1.75
@@ -23,7 +23,6 @@ LARGE_ERROR_TO_NOISE = 5.0
 LARGE_REMAINING_SHARE = 0.25  # of the error before, from which the remaining error is large (a choice)
 # Of the torque's standard deviation, from which torque noise may be a missing law (a choice)
 IMPLAUSIBLE_NOISE_SHARE = 0.03
-State = Literal["named", "possible", "worse", "no-gain", "not-shown", "in-the-model", "failed"]
 
 
 @dataclass(frozen=True)
@@ -71,35 +70,17 @@ class CandidateResult:
     sure: bool = True
 
 
-@dataclass(frozen=True)
-class Gain:
-    """How much better the model predicts, in free runs of `segment` seconds over held-out data.
+class Gain(GainSection):
+    """A gain with what its interval follows from; in memory `rmse_gain_ci95` is not set.
 
-    rmse_before, rmse_after  of the first output, in `unit`; fit_*: percent. Before: by the base fitted to all
-                             training samples; after: by the models fitted without the samples of the run
-    rmse_std                 standard error of the difference before - after, from the scatter over blocks
-    rmse_bar                 reference for such a difference: standard error of the difference of the mean squares
-                             over the sum of both errors; rmse_std where the errors differ little, and up to twice
-                             it where nearly all of the error is removed
-    noise_floor              standard deviation of the sensor noise, as estimated from the record
-    unexplained_percent      share of the base's unexplained log likelihood that remains
-    blocks                   of held-out data, one free run each
-    of                       motion: as above; torque: the errors are those of the required torque, over blocks of
-                             `segment` seconds
+    rmse_bar  reference for the difference of the errors: standard error of the difference of the mean squares over
+              the sum of both errors; rmse_std where the errors differ little, and up to twice it where nearly all
+              of the error is removed
+    blocks    of held-out data, one free run each
     """
 
-    unit: str
-    segment: float
-    held_out_rmse_before: float
-    held_out_rmse_after: float
-    held_out_fit_before: float
-    held_out_fit_after: float
-    rmse_std: float
-    rmse_bar: float
-    noise_floor: float
-    unexplained_percent: float
+    rmse_bar: float = 0.0
     blocks: int = 0
-    of: Literal["motion", "torque"] = "motion"
 
     @property
     def further_record_interval(self) -> tuple[float, float] | None:
@@ -116,7 +97,7 @@ class Gain:
         significant = abs(
             self.held_out_rmse_before - self.held_out_rmse_after) > SIGNIFICANT_GAIN_STDS * self.rmse_std
         blocks = 0.0 if significant else float(stdtrit(self.blocks - 1, 0.975)) * np.sqrt(2.0) * self.rmse_std
-        low, high = sorted((self.held_out_rmse_before, self.held_out_rmse_after))
+        low, high = sorted(map(float, (self.held_out_rmse_before, self.held_out_rmse_after)))
         excess = np.sqrt(high**2 - low**2)
         ends = [float(np.hypot(low, excess * factor)) - low
                 for factor in (1.0 / ERROR_RATIO_BETWEEN_RECORDS, ERROR_RATIO_BETWEEN_RECORDS)]

@@ -123,7 +123,7 @@ class SearchResult:
 
     def _gain_over(self, base: Base) -> Gain:
         gain = gain_between(base, self.trained, self.split, free_runs=self.free_runs)
-        return replace(gain, unexplained_percent=unexplained_percent(self.found.gained, self.left))
+        return gain.replace(unexplained_percent=unexplained_percent(self.found.gained, self.left))
 
     def without_causes(self) -> SearchResult:
         """Back on the first base: the causes worsen the free-run error and are no model of the machine."""

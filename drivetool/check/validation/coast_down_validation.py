@@ -184,7 +184,7 @@ def _verdict(checks: Sequence[CheckSection], unseen: bool) -> str:
     missed = [c for c in checks if not c.passed]
     speeds = [c for c in checks if c.output == "motor_speed"]
     records = {(c.model, c.file) for c in missed} or {(c.model, c.file) for c in checks}
-    worst = max((c for c in speeds if (c.model, c.file) in records), key=lambda c: c.rmse)
+    worst = max((c for c in speeds if (c.model, c.file) in records), key=lambda c: float(c.rmse))
     angle = next((c for c in checks if (c.model, c.file) == (worst.model, worst.file) and c is not worst), None)
     figures = f"{worst.file} (model {worst.model}): "
     if angle is not None:

@@ -110,7 +110,7 @@ def ranking_findings(checks: Sequence[CheckSection]) -> list[Finding]:
                 if (c.file, c.output) == (file, output) and c.measured_start_rmse is not None]
         if not mine:
             continue
-        fitted, measured_rmse = min(mine, key=lambda pair: pair[0].rmse)
+        fitted, measured_rmse = min(mine, key=lambda pair: float(pair[0].rmse))
         from_measured, least = min(mine, key=lambda pair: pair[1])
         if from_measured.rmse > CLEAR_RMSE_RATIO * fitted.rmse and measured_rmse > CLEAR_RMSE_RATIO * least:
             found.append(Finding(

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
-from dataclasses import asdict
 
 import msgspec
 
@@ -11,7 +10,7 @@ from drivetool.check.outcome import CandidateResult, Diagnosis, Gain, State
 from drivetool.drive import Drive
 from drivetool.files.results.result_file import Inputs, estimate_file, parameter_section
 from drivetool.files.shapes import parameter_shapes as shapes
-from drivetool.files.yaml import to_plain
+from drivetool.files.yaml import to_plain, written
 from drivetool.identify.estimate import Parameter
 
 # Whether a cause that ended in this state is detectable in the record; None: unknown.
@@ -74,14 +73,8 @@ def _parameter_sections(parameters: Iterable[Parameter]) -> dict[str, shapes.Par
 
 
 def _gain_section(gain: Gain | None) -> shapes.GainSection | None:
-    """Figures that are not finite become null."""
-    if gain is None:
-        return None
-    interval = gain.further_record_interval
-    return shapes.GainSection(
-        **{key: value if isinstance(value, str) else _rounded(value)
-           for key, value in asdict(gain).items() if key not in ("blocks", "rmse_bar")},
-        rmse_gain_ci95=None if interval is None else tuple(map(_rounded, interval)))
+    """With the interval on a further record."""
+    return gain and written(gain.replace(rmse_gain_ci95=gain.further_record_interval), shapes.GainSection)
 
 
 def _parameter_unit(drive: Drive, name: str) -> str | None:

@@ -7,7 +7,7 @@ from typing import Annotated, Any, Literal
 import msgspec
 from msgspec import UNSET, Meta, UnsetType
 
-from drivetool.check.outcome import State, Verdict
+from drivetool.check.outcome import GainSection, State, Verdict
 from drivetool.check.validation import CheckSection
 from drivetool.finding_codes import RENAMED
 from drivetool.identify.estimate import StartsSection
@@ -141,26 +141,6 @@ class CandidateSection(Shape):
     parameters: Annotated[
         dict[str, ParameterSection], Meta(description="fitted with this cause, on the whole record")] = {}
     reason: Annotated[str, Meta(description="why there is no gain to state, or where the cause was seen")] = ""
-
-
-class GainSection(Shape):
-    """How much better free runs over data held out became, or the torque that a motion asks for."""
-
-    unit: Annotated[str, Meta(description="of rmse, its std and the noise floor")]
-    of: Annotated[Literal["motion", "torque"], Meta(
-        description="motion: errors of free runs; torque: of what the motion asks for")] = "motion"
-    segment: Annotated[Number, Meta(description="length of the free runs in s")] = None
-    held_out_rmse_before: Annotated[Number, Meta(description="of the base, fitted to all that is no judge")] = None
-    held_out_rmse_after: Annotated[
-        Number, Meta(description="of the extended drive, fitted without what it is run over")] = None
-    rmse_std: Annotated[Number, Meta(description="standard error of rmse before - after")] = None
-    rmse_gain_ci95: Annotated[tuple[Number, Number] | None, Meta(
-        description="95 % interval of rmse before - after on a further record of the same length")] = None
-    held_out_fit_before: Annotated[Number, Meta(description="percent")] = None
-    held_out_fit_after: Annotated[Number, Meta(description="percent")] = None
-    noise_floor: Annotated[Number, Meta(description="std of the sensor alone")] = None
-    unexplained_percent: Annotated[
-        Number, Meta(description="share of what the base left unexplained that is still there")] = None
 
 
 class RoundSection(Shape):

@@ -93,5 +93,5 @@ def difference_findings(found: Sequence[DifferenceSection], machines: bool = Fal
 def _most_significant_listed(differ: Sequence[DifferenceSection]) -> str:
     """The three most significant ones."""
     text = "; ".join(f"{d.name} differs by {d.change:+.3g} {d.unit} from {d.first} to {d.second} "
-                     f"(+- {d.std:.2g}, p {d.p:.2g})" for d in sorted(differ, key=lambda d: d.p)[:3])
+                     f"(+- {d.std:.2g}, p {d.p:.2g})" for d in sorted(differ, key=lambda d: float(d.p))[:3])
     return text + (f", and {len(differ) - 3} more" if len(differ) > 3 else "")

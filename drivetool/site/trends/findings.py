@@ -63,7 +63,7 @@ def _change_findings(found: Sequence[Trend]) -> list[Finding]:
     return [*alarms, *small]
 
 
-def _step_evidence(trend: Trend, change: Change) -> dict[str, float | int | str]:
+def _step_evidence(trend: Trend, change: Change) -> dict[str, float | int | str | None]:
     series = trend.series
     return {"machine": series.machine, "parameter": series.parameter, "step": series.step, "unit": series.unit,
             "last_before": series.recordings[change.place - 1], "first_after": series.recordings[change.place],
@@ -71,7 +71,7 @@ def _step_evidence(trend: Trend, change: Change) -> dict[str, float | int | str]
             "chance": change.chance}
 
 
-def _drift_evidence(trend: Trend, drift: shapes.DriftSection) -> dict[str, float | int | str]:
+def _drift_evidence(trend: Trend, drift: shapes.DriftSection) -> dict[str, float | int | str | None]:
     series = trend.series
     return {"machine": series.machine, "parameter": series.parameter, "step": series.step, "unit": series.unit,
             "first": series.recordings[0], "last": series.recordings[-1], "before": drift.before,
