@@ -47,6 +47,15 @@ def test_the_suspicion_is_reported_with_its_size_and_the_deciding_experiment():
     assert "Hold the torque" in experiment_of(between, "undetermined")
 
 
+def test_a_fault_of_the_record_is_no_law_that_the_model_lacks():
+    codes = ("outliers", "backlash"), ("imbalance", "load-step"), ("backlash", "imbalance")
+    text = sentence_of("undetermined", codes, "", gain(27.0, 10.5), 0.01)
+    assert text.startswith("The record is at fault: single wrong values (outliers). In addition, the model lacks "
+                           "backlash, and one further cause: ")
+    text = sentence_of("undetermined", (("outliers",), *codes[1:]), "", gain(27.0, 10.5), 0.01)
+    assert "In addition, the model lacks an effect: " in text
+
+
 def test_part_of_an_answer_is_reported_as_such():
     between = ("asymmetric-friction", "torque-ripple", OUTSIDE_CATALOGUE)
     text = sentence_of("undetermined", (("outliers",), between, between[:2]), "", gain(27.0, 10.5), 0.01,

@@ -58,16 +58,17 @@ def sentence_of(verdict: str, codes: tuple[Sequence[str], Sequence[str], Sequenc
                 in_base: Sequence[str] = (), sizes: Mapping[str, str] = MappingProxyType({})) -> str:
     """The verdict for a plant engineer.
 
-    codes    what is certain, what it is between, and all that was found, in the order found
-    unasked  a cause that explains the record but was not among the requested candidates
-    share    std of the torque noise over the std of the torque
-    met      rms free-run error of the drive fitted to the whole record
-    doubt    why it may be something that is in no catalogue; empty: the torque noise
-    had      causes that the base has already
-    sizes    cause -> how large it is, in words
+    codes             what is certain, what it is between, and all that was found, in the order found
+    not_requested     a cause that explains the record but was not among the requested candidates
+    share             std of the torque noise over the std of the torque
+    full_record_rmse  rms free-run error of the drive fitted to the whole record
+    doubt             why it may be something that is in no catalogue; empty: the torque noise
+    in_base           causes that the base has already
+    sizes             cause -> how large it is, in words
     """
     causes, between, found = codes
-    words = _joined_causes(causes)
+    laws, faults = [c for c in causes if c in found], _joined_causes([c for c in causes if c not in found])
+    first = f"The record is at fault: {faults}. In addition, the model" if faults else "The model"
     way = "falls" if gain.held_out_rmse_after < gain.held_out_rmse_before else "goes"
     where = "on held-out data the error of free runs of {:.3g} s" if gain.of == "motion" else (
         "on held-out data the error of the required torque")
@@ -76,32 +77,27 @@ def sentence_of(verdict: str, codes: tuple[Sequence[str], Sequence[str], Sequenc
     if verdict == "named":
         left = "" if not gain.unexplained_percent >= 1.0 else (
             f"; {gain.unexplained_percent:.0f} % of the explainable residual remains")
-        faults = _joined_causes([c for c in causes if c not in found])
         if not found:
             return (f"The record is at fault, not the simulation: {faults}. No cause of the catalogue "
                     "explains anything further in the record.")
-        laws = [c for c in causes if c in found]
         laws_text = " and ".join(_cause_text(c) + (f", {sizes[c]}" if c in sizes else "") for c in laws)
-        first = f"The record is at fault: {faults}. In addition, the" if faults else "The"
-        return (f"{first} model lacks {laws_text}. {_error_text(gain, len(laws))}{left}"
+        return (f"{first} lacks {laws_text}. {_error_text(gain, len(laws))}{left}"
                 f"{_noise_text(gain, full_record_rmse, share)}.")
     if verdict == "undetermined":
         if doubt:
-            faults, laws = ([c for c in causes if (c in found) == law] for law in (False, True))
-            first = f"The record is at fault: {_joined_causes(faults)}. In addition, the" if faults else "The"
             certain = f"{_joined_causes(laws)}, and " if laws else ""
             maybe = _joined_causes([c for c in found if c in between])
             rivals = [_cause_text(c) for c in between if c not in found and c != OUTSIDE_CATALOGUE]
             maybe += f" (or {' or '.join(rivals)} in place of one of them)" if rivals else ""
-            return (f"{first} model lacks {certain}{maybe}, or an effect outside the catalogue of which this is "
+            return (f"{first} lacks {certain}{maybe}, or an effect outside the catalogue of which this is "
                     f"a part: {better}, but {doubt}.")
         either = " or ".join(_cause_text(c) for c in between if c != OUTSIDE_CATALOGUE)
-        first = f"The model lacks {words or 'an effect'}{', and one further cause' * bool(causes)}: "
+        lacks = f"{first} lacks {_joined_causes(laws) or 'an effect'}{', and one further cause' * bool(laws)}: "
         if OUTSIDE_CATALOGUE in between:
-            return (f"{first}{either} explains it best, but {better}, {_error_to_noise(gain):.0f} times the "
+            return (f"{lacks}{either} explains it best, but {better}, {_error_to_noise(gain):.0f} times the "
                     f"sensor's own noise: either the torque has noise of {100.0 * share:.0f} % of its standard "
                     "deviation, or another law is at work.")
-        return f"{first}{either} explain the record equally well; {better}."
+        return f"{lacks}{either} explain the record equally well; {better}."
     if verdict == "unexplained":
         return _unexplained_text(found, not_requested, gain, better)
     own = f" The base model already contains {_joined_causes(in_base)}." if in_base else ""
