@@ -21,7 +21,7 @@ def write_record(folder: Path, case: Case, plan: Profile, name: str = "record", 
     load     (n,) torque on its last body
     """
     machine, rated = machine or case.rig.machine, case.rig.rated
-    rng = np.random.default_rng(case.asked["seed"] if seed is None else seed)
+    rng = np.random.default_rng(case.arguments["seed"] if seed is None else seed)
     size = len(plan.torque)
     noise = {role: std * rng.standard_normal(size) for role, std in case.noise.sensors.items()}
     seen = noise.get("motor_speed", np.zeros(size))

@@ -61,9 +61,9 @@ class Case:
 
     rig       the machine without its hidden effects
     machine   with them, and what its logger does
-    hidden    the effects, in the order asked for
+    hidden    the effects, in the requested order
     records   to work on; holdout: of the same machine, for the gain
-    asked     the arguments it was made with
+    arguments the arguments it was made with
     """
 
     rig: Rig
@@ -73,10 +73,10 @@ class Case:
     noise: Noise
     records: tuple[Record, ...]
     holdout: tuple[Record, ...]
-    asked: Mapping[str, object]
+    arguments: Mapping[str, object]
 
     def write(self, folder: Path, labels: Path, visibility: bool = True) -> tuple[list[Path], list[Path]]:
-        """Record files into `folder`, and label.json into `labels`, which no tool is told of.
+        """Record files into `folder`, and label.json into `labels`, which no tool reads.
 
         returns  (record files, held-out files)
         """
@@ -111,7 +111,7 @@ class Case:
             "causes": [CODES[h.code] for h in self.hidden],
             "effects": [{"code": CODES[h.code], "kind": h.code, "size": h.size,
                          "size_is": KINDS[h.code].size, "truth": dict(h.truth)} for h in self.hidden],
-            "plain": plain_values(self.rig), "asked": dict(self.asked)}
+            "plain": plain_values(self.rig), "arguments": dict(self.arguments)}
         if visibility:
             label["visibility"] = {
                 "all": visible(self, ()).number if self.hidden else 0.0,
@@ -156,10 +156,10 @@ def make_case(effects: str | Sequence[str], machine_seed: int, record: str = "re
     made = [record_of(f"record{i + 1}", rig, machine, logger, noises, record, [seed, i])
             for i in range(records)]
     held = record_of("holdout", rig, machine, logger, noises, record, [seed, 10**6])
-    asked = {"effects": codes, "machine_seed": machine_seed, "record": record, "sensors": list(sensors),
-             "noise": noise, "seed": seed, "bodies": bodies, "linear": linear, "records": records,
-             "coloured": coloured, "duration": duration}
-    return Case(rig, machine, logger, hidden, noises, tuple(made), (held,), asked)
+    arguments = {"effects": codes, "machine_seed": machine_seed, "record": record, "sensors": list(sensors),
+                 "noise": noise, "seed": seed, "bodies": bodies, "linear": linear, "records": records,
+                 "coloured": coloured, "duration": duration}
+    return Case(rig, machine, logger, hidden, noises, tuple(made), (held,), arguments)
 
 
 def add_effects(codes: Sequence[str], rig: Rig, size, seed: int, start: Machine | None = None):

@@ -33,7 +33,7 @@ class Logger:
 class HiddenEffect:
     """One hidden effect of a machine.
 
-    code, size  as asked for
+    code, size  as requested
     machine     with the effect
     logger      with the effect
     truth       parameter -> value in SI

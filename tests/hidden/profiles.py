@@ -20,7 +20,7 @@ KINDS = ("reversing", "one-directional", "closed-loop", "moves", "cruise", "chir
 
 @dataclass(frozen=True)
 class Profile:
-    """What the drive is told to do.
+    """The commands of the drive.
 
     torque      (n,) [Nm]; with a controller what is added to its output
     controller  PI or None

@@ -39,7 +39,7 @@ def write_start(case: Case, folder: Path, off: float = OFF, seed: int = 0) -> Pa
     returns  its path; start from it with `greybox --params start.yaml` and `greybox_options`
     """
     torque, motion = case.rig.units
-    rng = np.random.default_rng([seed, int(case.asked["machine_seed"]), 32452843])
+    rng = np.random.default_rng([seed, int(case.arguments["machine_seed"]), 32452843])
     values = {name: float(f"{value * (1.0 + off * rng.uniform(-1.0, 1.0)):.4g}")
               for name, value in plain_values(case.rig).items()}
     content = {"schema": "drivetool/parameters/1",

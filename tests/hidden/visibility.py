@@ -60,8 +60,8 @@ def visible(case: Case, known: tuple[HiddenEffect, ...] = (),
         return Visibility(0.0, 0.0, dict.fromkeys(case.noise.sensors, 0.0), True)
 
     def result(share: float) -> Visibility:
-        begun = replace(machine, stiffness=tuple(share * k for k in machine.stiffness))
-        return _result(_Model(case, begun, logger, plain_fields(machine, case.rig.machine.bodies), records))
+        machine_start = replace(machine, stiffness=tuple(share * k for k in machine.stiffness))
+        return _result(_Model(case, machine_start, logger, plain_fields(machine, case.rig.machine.bodies), records))
 
     found = result(1.0)
     if machine.bodies == 1 or found.number < FAINT:
@@ -75,7 +75,7 @@ def separation(case: Case, rival: str, sizes: tuple[float, ...] = (0.3, 1.0, 3.0
                records: tuple[Record, ...] | None = None) -> Visibility:
     """The same against the plain machine with another effect, its values fitted too.
 
-    Where this is small the two effects cannot be told apart on these records.
+    Where this is small the two effects are indistinguishable on these records.
     rival  code of a law of the machine; sizes: where its fit starts, over the usual size
     """
     records = case.records if records is None else records
@@ -91,7 +91,7 @@ def separation(case: Case, rival: str, sizes: tuple[float, ...] = (0.3, 1.0, 3.0
 
 
 def _in_step(machine: Machine, truth: Machine) -> list[Machine]:
-    """The machine, its ripple begun as a true imbalance: no fit finds an order, a size or a sign from afar."""
+    """The machine, its ripple starting as a true imbalance: no fit finds an order, a size or a sign from afar."""
     (amplitude, _, _), (weight, ratio, phase) = machine.effects.ripple, truth.effects.imbalance
     if amplitude == 0.0 or weight == 0.0:
         return [machine]
@@ -122,7 +122,7 @@ def _over_all_speeds(machine: Machine, top: float) -> list[Machine]:
 
 def _concealed(case: Case, sizes: dict[str, float]):
     """(machine, logger) of the rig with effects of these sizes, drawn as those of the case are."""
-    seed = int(case.asked["machine_seed"]) + 1000003 * int(case.asked["seed"])
+    seed = int(case.arguments["machine_seed"]) + 1000003 * int(case.arguments["seed"])
     machine, logger, _ = add_effects(list(sizes), case.rig, sizes, seed)
     return machine, logger
 

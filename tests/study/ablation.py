@@ -55,8 +55,8 @@ def main(paths: Iterable[str]) -> None:
     found = [row for path in paths for row in rows(Path(path)) if row.get("facts")]
     print(f"{len(found)} records\n{'rule':<24}{'decides':>9}{'changes':>9}  grades with and without it")
     for name, decides, changed in without_each(found):
-        told = ", ".join(f"{a} -> {b} {n}" for (a, b), n in changed.most_common())
-        print(f"{name:<24}{decides:>9}{changed.total():>9}  {told}")
+        changes = ", ".join(f"{a} -> {b} {n}" for (a, b), n in changed.most_common())
+        print(f"{name:<24}{decides:>9}{changed.total():>9}  {changes}")
 
 
 if __name__ == "__main__":

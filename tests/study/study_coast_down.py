@@ -1,6 +1,6 @@
 """Coverage and scatter of coast-downs by counts: ratios, a scale by torque, supply or an added inertia, breakaway.
 
-And a model of one run-down, judged by others from higher speeds, and by those of a drive with a drag besides.
+And a model of one coast-down, judged by others from higher speeds, and by those of a drive with a drag besides.
 
     python -m tests.study.study_coast_down 200
     python -m tests.study.study_coast_down 60 supplied
@@ -30,7 +30,7 @@ BROKEN = replace(PAPER, surplus=0.5 * PAPER.coulomb, breakaway_speed=SPEED)
 
 
 def plain(seed, angles):
-    """One run-down; counts begin anywhere in its first 400 samples."""
+    """One coast-down; counts begin anywhere in its first 400 samples."""
     first = int(np.random.default_rng(seed).integers(0, 400))
     return [recording(seed, motor_angle=counts(angles["plain"][first:], seed))], one_body(), HOW, RATIOS
 
@@ -44,7 +44,7 @@ def driven(seed, angles):
 
 
 def supplied(seed, angles):
-    """Run up by an induction motor from rest, switched off, run down; by what its converter says."""
+    """Run up by an induction motor from rest, switched off, coasting down; by what its converter says."""
     first, e = int(np.random.default_rng(seed).integers(0, 400)), angles["switched"]
     signals = {name: values[first:] for name, values in e.signals.items()}
     cut = recording(seed, **signals | {"motor_angle": counts(angles["up and down"][first:], seed)})
@@ -53,7 +53,7 @@ def supplied(seed, angles):
 
 
 def added(seed, angles):
-    """Two run-downs, the second with a known inertia added."""
+    """Two coast-downs, the second with a known inertia added."""
     first = int(np.random.default_rng(seed).integers(0, 400))
     pair = [recording(2 * seed + k, f"{k}.parquet", motor_angle=counts(angles[n][first:], 2 * seed + k))
             for k, n in enumerate(("plain", "loaded"))]

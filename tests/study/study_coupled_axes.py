@@ -40,7 +40,7 @@ def misses(found: dict, truth: float) -> bool:
 
 @pytest.mark.study
 def test_a_joint_whose_neighbour_moves_is_refused():
-    """The true share of refusals may be what is asked for; no record gets an interval that is far off."""
+    """The true share of refusals may be the required one; no record gets an interval that is far off."""
     refused, wrong = 0, []
     for i in range(RECORDS):
         record = arm.draw(i, FIRST_SEED + i)
@@ -54,7 +54,7 @@ def test_a_joint_whose_neighbour_moves_is_refused():
 
 
 @pytest.mark.study
-def test_a_varying_inertia_is_told_in_its_mean():
+def test_a_varying_inertia_is_identified_by_its_mean():
     """No inertia is far off its mean, and none is stated narrowly without a word."""
     wrong = []
     for i in range(RECORDS):

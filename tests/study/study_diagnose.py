@@ -53,7 +53,7 @@ SENSORS = (("motor_speed",), ("motor_speed",), ("motor_angle",), ("motor_speed",
 AIMS = (3.5, 5.0, 7.0, 10.0)
 # Rivals that `separation` can fit: what the machine does, not what its logger does.
 LAWS = set(CODES.values()) - {"quantisation", "torque-offset", "outliers", "wrong-sign", "wrong-scale"}
-# A fresh record has them again, or others: what was told of this one is not of that one.
+# A fresh record has them again, or others: what was found on this one does not hold for that one.
 OF_THE_RECORD = {"wrong-sign", "wrong-scale", "outliers", "load-step"}
 COLUMNS = ("right", "open", *GRADES[1:])
 
@@ -181,35 +181,35 @@ def run_inside(folder: Path, words: Sequence[object]) -> subprocess.CompletedPro
     return subprocess.CompletedProcess(command, code or 0, out.getvalue(), err.getvalue())
 
 
-def one(plan: Plan, asking: Callable[..., Answer] = greybox_and_diagnose) -> dict:
+def one(plan: Plan, diagnosing: Callable[..., Answer] = greybox_and_diagnose) -> dict:
     """Make the case, run the commands on it, open the label.
 
     Where nothing is hidden there is no label to keep from the commands, and they run in this process.
     """
-    begun, running = time.monotonic(), run
-    if plan.part == "none" and asking is greybox_and_diagnose:
-        running, asking = run_inside, partial(greybox_and_diagnose, runner=run_inside)
+    began, runner = time.monotonic(), run
+    if plan.part == "none" and diagnosing is greybox_and_diagnose:
+        runner, diagnosing = run_inside, partial(greybox_and_diagnose, runner=run_inside)
     case = make_case(plan.effects, **(sized(plan) if plan.aim else plan.options))
     with tempfile.TemporaryDirectory() as room:
         logs, held = case.write_records(Path(room))
         start = write_start(case, Path(room))
         catalogue = sorted(set(CODES.values()) - set(plan.removed))
         more = ["--candidates", ",".join(catalogue)] if plan.removed else []
-        answer = asking(Path(room), logs, start, greybox_options(case), more)
+        answer = diagnosing(Path(room), logs, start, greybox_options(case), more)
         fresh = {name: fresh_error(Path(room), held[0], f"{name}.yaml", answer.gain.get("segment") or 0.0,
-                                     running)
+                                     runner)
                  for name in ("base", "extended")}
     # Only now is there a label: nothing of it was on the disk while the commands ran.
     label = case.label(visibility=plan.part != "removed")
-    given, apart = grade(to_name(label, answer), answer, bool(plan.removed)), {}
+    given, separations = grade(to_name(label, answer), answer, bool(plan.removed)), {}
     if given == "undetermined" and len(plan.effects) == 1 and plan.part != "limit":  # seen, rightly or not
-        apart = {rival: separation(case, rival).number for rival in answer.between
+        separations = {rival: separation(case, rival).number for rival in answer.between
                  if rival in LAWS and rival not in label["causes"]}
-        given = "open" if apart and min(apart.values()) < VISIBLE else given
+        given = "open" if separations and min(separations.values()) < VISIBLE else given
     return {
         "key": plan.key, "part": plan.part, "kinds": list(plan.effects), "truth": label["causes"],
         "visibility": label.get("visibility", {}).get("all"), "sizes": [e["size"] for e in label["effects"]],
-        "grade": given, "apart": apart, "verdict": answer.verdict,
+        "grade": given, "separations": separations, "verdict": answer.verdict,
         "causes": list(answer.causes), "between": list(answer.between), "gain": answer.gain, "fresh": fresh,
         "rule": answer.rule, "facts": answer.facts, "to_name": to_name(label, answer),
         "removed": list(plan.removed),
@@ -218,17 +218,17 @@ def one(plan: Plan, asking: Callable[..., Answer] = greybox_and_diagnose) -> dic
         # Of the first round: there the base has none of it yet.
         "smallest": {c["code"]: {n: v["value"] for n, v in (c.get("smallest") or {}).items()}
                      for c in sorted(answer.candidates, key=lambda c: -c["round"])},
-        "values": {n: v for e in label["effects"] for n, v in told(e["truth"], label["plain"], {}).items()},
+        "values": {n: v for e in label["effects"] for n, v in tool_values(e["truth"], label["plain"], {}).items()},
         "intervals": intervals(label, answer), "talk": answer.stderr[-300:] if answer.verdict == "failed" else "",
-        "asked": label["asked"], "seconds": round(time.monotonic() - begun, 1)}
+        "arguments": label["arguments"], "seconds": round(time.monotonic() - began, 1)}
 
 
 def to_name(label: Mapping, answer: Answer) -> list[str]:
     """The hidden causes that must be named: of several those that show, and those that were found all the same."""
     each = label.get("visibility", {}).get("each") or []
-    shown = {cause for cause, number in zip(label["causes"], each, strict=False) if number >= VISIBLE}
+    visible_causes = {cause for cause, number in zip(label["causes"], each, strict=False) if number >= VISIBLE}
     found = {*answer.causes, *answer.between}
-    return [c for c in label["causes"] if c in shown | found] if shown else label["causes"]
+    return [c for c in label["causes"] if c in visible_causes | found] if visible_causes else label["causes"]
 
 
 def fresh_error(room: Path, log: Path, params: str, segment: float, running: CommandRunner) -> float | None:
@@ -250,7 +250,7 @@ def intervals(label: Mapping, answer: Answer) -> dict[str, bool]:
     found = {}
     fitted = {name: line.get("value") for name, line in answer.parameters.items()}
     for effect in label["effects"]:
-        for name, value in told(effect["truth"], label.get("plain", {}), fitted).items():
+        for name, value in tool_values(effect["truth"], label.get("plain", {}), fitted).items():
             ends = (answer.parameters.get(name) or {}).get("ci95")
             if ends and None not in ends:
                 found[name] = bool(ends[0] <= value <= ends[1])
@@ -260,7 +260,8 @@ def intervals(label: Mapping, answer: Answer) -> dict[str, bool]:
 SAME = {"quadratic_drag": "drag", "load_step": "step_torque", "load_step_time": "step_time"}
 
 
-def told(truth: Mapping[str, float], plain: Mapping[str, float], fitted: Mapping[str, float]) -> dict[str, float]:
+def tool_values(truth: Mapping[str, float], plain: Mapping[str, float],
+                fitted: Mapping[str, float]) -> dict[str, float]:
     """True values by the names and in the parameters that the tool has for the same laws."""
     found = {}
     for name, value in truth.items():
@@ -304,29 +305,29 @@ def results() -> Path:
 
 
 def study(wanted: Iterable[Plan], path: Path, workers: int = 2,
-          asking: Callable[..., Answer] = greybox_and_diagnose) -> list[dict]:
+          diagnosing: Callable[..., Answer] = greybox_and_diagnose) -> list[dict]:
     """Run what is not there yet, a line per case as soon as it is done; all the wanted rows."""
     there, wanted = resumed(path), list(wanted)
     missing = [plan for plan in wanted if plan.key not in there]
     # Null records run inside their worker, which therefore is a process; a stand-in can stay a thread.
-    with (ProcessPoolExecutor(workers, get_context("spawn")) if asking is greybox_and_diagnose else
+    with (ProcessPoolExecutor(workers, get_context("spawn")) if diagnosing is greybox_and_diagnose else
           ThreadPoolExecutor(workers)) as pool:
-        for row in pool.map(_guarded, missing, repeat(asking)):
+        for row in pool.map(_guarded, missing, repeat(diagnosing)):
             with path.open("a") as file:
                 file.write(json.dumps(row) + "\n")
     keys = {plan.key for plan in wanted}
     return [row for row in rows(path) if row["key"] in keys]
 
 
-def _guarded(plan: Plan, asking: Callable[..., Answer]) -> dict:
+def _guarded(plan: Plan, diagnosing: Callable[..., Answer]) -> dict:
     """A case that breaks is a row too, and counts as failed; the others go on."""
     try:
-        return one(plan, asking)
+        return one(plan, diagnosing)
     except Exception as error:
         return {"key": plan.key, "part": plan.part, "kinds": list(plan.effects), "truth": [], "sizes": [],
-                "visibility": VISIBLE, "grade": "failed", "apart": {}, "verdict": "failed", "causes": [],
+                "visibility": VISIBLE, "grade": "failed", "separations": {}, "verdict": "failed", "causes": [],
                 "between": [], "gain": {}, "fresh": {}, "smallest": {}, "intervals": {},
-                "talk": repr(error)[-300:], "asked": {}, "seconds": 0.0}
+                "talk": repr(error)[-300:], "arguments": {}, "seconds": 0.0}
 
 
 # Tables
@@ -405,12 +406,12 @@ def summary(found: Sequence[Mapping]) -> str:
              for part in ("effect", "pair", "mixed", "removed", "limit", "none")}
     alarms, nulls = sum(row["grade"] == "false-alarm" for row in parts["none"]), len(parts["none"])
     text = [confusion(parts["effect"] + parts["pair"])]
-    shown = Counter(row["grade"] for row in parts["effect"] + parts["pair"]
+    grades = Counter(row["grade"] for row in parts["effect"] + parts["pair"]
                     if (row["visibility"] or 0.0) >= VISIBLE)
-    if shown:
-        good = shown["right"] + shown["open"]
-        text.append(f"visible: {shown.total()}; named right or rightly open {good} "
-                    f"({100 * good / shown.total():.1f} %), wrong {shown['wrong']}")
+    if grades:
+        good = grades["right"] + grades["open"]
+        text.append(f"visible: {grades.total()}; named right or rightly open {good} "
+                    f"({100 * good / grades.total():.1f} %), wrong {grades['wrong']}")
     seen = Counter(row["grade"] for row in parts["mixed"] if (row["visibility"] or 0.0) >= VISIBLE)
     if seen:
         text.append(f"one or two effects drawn from all, {seen.total()} visible: "

@@ -82,8 +82,8 @@ def main(rigs: int = RIGS, shift: int = 0, share: float = 1.0) -> None:
         machine = gap_rig(seed, share)
         estimate, lead = fitted(machine, seed), worth(machine, seed)
         lines = {p.name: p for p in estimate.parameters}
-        told = {f.code: f for f in estimate.findings}
-        stated = told.get("gap-law")
+        findings = {f.code: f for f in estimate.findings}
+        stated = findings.get("gap-law")
         decided = stated is not None and stated.evidence.get("log_likelihood_lead", 0.0) > MIN_LAW_LEAD
         named = estimate.drive.damping_law if decided else "-"
         kind = "plain" if lead > PLAIN else "hidden" if abs(lead) < HIDDEN else "between"

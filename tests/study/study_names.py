@@ -144,10 +144,10 @@ def answered(folder: Path, start: Path, free: Sequence[str], judged: bool) -> di
 
     judged  whether held.parquet judges, or halves of the record
     """
-    begun = _spent()
+    began = _spent()
     answer = greybox_and_diagnose(folder, [folder / "record.parquet"], start, free,
                                   ["--holdout", "held.parquet"] if judged else [])
-    seconds = _spent() - begun
+    seconds = _spent() - began
     segment = answer.gain.get("segment") or 0.0
     errors = {name: fresh_error(folder, Path("fresh.parquet"), f"{name}.yaml", segment, run)
               for name in ("base", "extended")}

@@ -167,7 +167,7 @@ def diagnosed(case: Case) -> dict:
 def behind(outcome: Outcome) -> float:
     """Restricted log likelihood by which a ratio of the grid is better than that of the fit, all else as it is.
 
-    Ratios next to it do not count: where dry friction sticks and slips the likelihood is rough.
+    Ratios next to it do not count: where dry friction sticks and slips the likelihood is not smooth.
     """
     problem, point, found = outcome.problem, outcome.fit.point, outcome.fit.noise
     ratios = unit_noise_ratio(problem, point) * 10.0**GRID

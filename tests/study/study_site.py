@@ -108,7 +108,7 @@ def write(path: Path, machine: Machine, wrong: str, seed: int) -> None:
 
 
 def run(folder: Path, out: str, workers: int) -> subprocess.Popen[str]:
-    """The site, begun."""
+    """The running process of the site."""
     return subprocess.Popen(
         [sys.executable, "-m", "drivetool", "batch", "site.yaml", "--workers", str(workers), "--out", out],
         cwd=folder, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True,
@@ -119,10 +119,10 @@ def killed(folder: Path, out: str, kills: int, seconds: float, seed: int) -> lis
     """Kill the run at random times, each within its share of the seconds; results that stood after each."""
     rng, stood = np.random.default_rng(seed), []
     for _ in range(kills):
-        begun = run(folder, out, 2)
+        process = run(folder, out, 2)
         time.sleep(rng.uniform(0.0, 2.0 * seconds / kills) + rng.uniform(0.0, 4.0))
-        begun.send_signal(signal.SIGKILL)
-        begun.communicate()
+        process.send_signal(signal.SIGKILL)
+        process.communicate()
         stood.append(len(list((folder / out).rglob("backlash.yaml"))))
     return stood
 
@@ -138,8 +138,8 @@ def outcome(rows: Sequence[dict], trends: dict, recorded: Sequence[Recorded], fo
           f"{sum(names[r] in outlying for r in good)} outlying")
     for r in recorded:
         if r.wrong:
-            told = (("suspect-unit", doubted), ("outlying", outlying))
-            said = problem[names[r]] or " ".join(word for word, several in told if names[r] in several)
+            named_sets = (("suspect-unit", doubted), ("outlying", outlying))
+            said = problem[names[r]] or " ".join(word for word, several in named_sets if names[r] in several)
             print(f"  {r.wrong:9s} {names[r]}: {said or 'NOT NAMED'}")
     for f in trends["findings"]:
         if f["code"] in ("trend-alarm", "small-change"):

@@ -1,11 +1,11 @@
-"""Torque logged in its cycle, one sample late or one early, on random rigs with noisy torque: what is told of it?
+"""Torque logged in its cycle, one sample late or one early, on random rigs with noisy torque: is it found?
 
     python -m tests.study.study_torque_timing [rigs] [first]
     python -m tests.study.study_torque_timing hidden [machine ...]
     python -m tests.study.study_torque_timing look [machine ...]
 
 Motor speed of two masses by the independent simulator, fitted by the right model from starts 10 % off. Per kind of
-record: in how many the shift was told as it was, and in how many another one was. With `hidden`: records of six
+record: in how many the shift was found as it was, and in how many another one was. With `hidden`: records of six
 seconds with one hidden effect each, or none, by the command line; effects of which anything is said. With `look`:
 the same of the first record of each, as `inspect` looks at it.
 """
@@ -35,7 +35,7 @@ WAYS = {"right": 0, "late": 1, "early": -1}
 NAMES = ["motor.inertia", "load.inertia", "shaft.stiffness", "shaft.damping", "total.viscous", "total.idle_torque"]
 
 
-def told(seed: int, way: str) -> set[str]:
+def timing_codes(seed: int, way: str) -> set[str]:
     """The codes about the cycle of the torque; late or early in the place of that of a shift."""
     machine = machine_by_seed(seed)
     record = linear_record(machine, seed)
@@ -48,10 +48,10 @@ def told(seed: int, way: str) -> set[str]:
 def main(rigs: int = RIGS, first: int = FIRST) -> None:
     """Print the table."""
     for way in WAYS:
-        found = [told(seed, way) for seed in range(first, first + rigs)]
+        found = [timing_codes(seed, way) for seed in range(first, first + rigs)]
         right = sum(f == {way} for f in found)
         wrong = sum(bool(f - {way}) for f in found)
-        print(f"{way:6s} told {right}, told wrongly {wrong} of {rigs}", flush=True)
+        print(f"{way:6s} found {right}, found wrongly {wrong} of {rigs}", flush=True)
 
 
 def hidden(*seeds: int) -> None:

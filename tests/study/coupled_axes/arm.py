@@ -1,7 +1,7 @@
 """Records of one joint of a planar arm whose other joint moves as well: no one body explains them.
 
 Two uniform links in a horizontal plane, each joint under a loop of its own (Siciliano et al. 2009, 7.3.2). The
-logged joint is asked for little and the other for much, so that most of its torque answers the other's motion.
+logged joint receives little torque and the other much, so that most of its torque answers the other's motion.
 """
 
 from __future__ import annotations

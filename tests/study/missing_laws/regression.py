@@ -46,7 +46,7 @@ def least_squares(step: float, torque: np.ndarray, measured: np.ndarray, is_angl
     change = np.diff(speed) / step
     edge = _cut_off(change, is_angle)
     b, a = butter(2, edge)
-    # The sign is taken before the low-pass, from a speed that is only smoothed where noise asks for it.
+    # The sign is taken before the low-pass, from a speed that is only smoothed where noise requires it.
     smooth = filtfilt(*butter(2, min(4.0 * edge, 0.8)), speed) if edge < HIGHEST else speed
     slow = np.abs(smooth) < max(STANDS * np.quantile(np.abs(smooth), 0.995), 2.0 * np.std(speed - smooth))
     stands = lfilter(np.ones(STANDING_SAMPLES), 1.0, slow) > STANDING_SAMPLES - 0.5

@@ -25,7 +25,7 @@ from tests.study.shared.tables import (
     shares,
 )
 
-# Neither a straight line nor a torque that the motion tells represents these; figures are also pooled without.
+# Neither a straight line nor a function of the motion represents these; figures are also pooled without.
 HARDEST = ("saturation", "lugre")
 # An estimator keeps up where its median is within this factor of the better of two plain ones, plus a share of
 # the inertia or of the friction that is of no matter.

@@ -70,7 +70,7 @@ class Placed:
         return max(shaft, own)
 
     def curves(self, machine: Machine, speeds: np.ndarray, times: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Of friction felt at the motor, as in Law.curves: the load's counts at the motor's speed."""
+        """Of friction referred to the motor, as in Law.curves: the load's counts at the motor's speed."""
         friction, uneven = self.law.curves(machine.rigid, speeds, times)
         if self.law.name == "drag":
             friction = friction + self.law.strength * speeds**2
