@@ -387,7 +387,7 @@ def parameters() -> str:
         "shaft, such as `shaft` or `shaft2`. Units follow from the units of torque and motion of the drive.",
         table(heads, rows),
         "## Sums over all bodies",
-        "Where a record tells only the sum of a friction over all bodies, as the motor feels it, the sum is the "
+        "Where a record identifies only the sum of a friction over all bodies, referred to the motor, that is the "
         "parameter. A sum and its parts displace each other.",
         table(heads, sums))
 

@@ -332,7 +332,7 @@ def test_study_goes_on_where_it_stopped(tmp_path, monkeypatch):
 def test_a_limit_is_looked_for_at_the_visibility_it_aims_for():
     plan = study_diagnose.Plan("limit", "limit/quadratic-drag/7/0", ("quadratic-drag",),
                                {**SHORT, "bodies": 1, "machine_seed": 2}, (), 7.0)
-    case = make_case(plan.effects, **study_diagnose.sized(plan))
+    case = make_case(plan.effects, **study_diagnose.with_aimed_size(plan))
     assert visible(case).number == pytest.approx(7.0, rel=0.1)
 
 
@@ -354,5 +354,5 @@ def test_study_plans_cover_everything_with_keys_of_their_own():
     assert study_diagnose.rounds_wanted("effect=3,none=42") == {"effect": 3, "none": 42}
     with pytest.raises(ValueError, match="not nulls"):
         study_diagnose.rounds_wanted("nulls=3")
-    assert study_diagnose.upper(0, 1000) == pytest.approx(1.0 - 0.05 ** (1 / 1000))
-    assert study_diagnose.upper(10, 1000) == pytest.approx(0.01691, abs=2e-5)
+    assert study_diagnose.upper_limit(0, 1000) == pytest.approx(1.0 - 0.05 ** (1 / 1000))
+    assert study_diagnose.upper_limit(10, 1000) == pytest.approx(0.01691, abs=2e-5)

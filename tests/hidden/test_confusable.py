@@ -13,9 +13,9 @@ from pathlib import Path
 import pytest
 
 from tests.hidden import greybox_options, make_case, write_start
-from tests.hidden.beside import write_record
 from tests.hidden.case import record_of
 from tests.hidden.command import Answer, greybox_and_diagnose
+from tests.hidden.custom_record import write_record
 from tests.hidden.effects import Logger
 from tests.hidden.profiles import profile
 

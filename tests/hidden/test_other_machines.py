@@ -8,9 +8,9 @@ from dataclasses import replace
 import pytest
 import yaml
 
-from tests.hidden.beside import write_record
 from tests.hidden.case import make_case
 from tests.hidden.command import greybox_and_diagnose
+from tests.hidden.custom_record import write_record
 from tests.hidden.profiles import profile
 from tests.hidden.rigs import resonances
 from tests.hidden.start import write_start

@@ -5,8 +5,8 @@ from dataclasses import replace
 import pytest
 
 from tests.hidden import greybox_options, make_case, write_start
-from tests.hidden.beside import write_record
 from tests.hidden.command import greybox_and_diagnose
+from tests.hidden.custom_record import write_record
 from tests.hidden.profiles import profile
 
 DEFAULT = 0.69

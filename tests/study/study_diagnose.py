@@ -50,7 +50,7 @@ PAIRS = (("backlash", "coulomb-load"), ("third-mass", "torque-ripple"))
 SENSORS = (("motor_speed",), ("motor_speed",), ("motor_angle",), ("motor_speed", "load_speed"),
            ("motor_speed", "shaft_torque"), ("motor_angle", "load_angle"))
 # Visibilities at which the limit of detection is looked for; 6 is where effects should begin to be found.
-AIMS = (3.5, 5.0, 7.0, 10.0)
+AIMED_VISIBILITIES = (3.5, 5.0, 7.0, 10.0)
 # Rivals that `separation` can fit: what the machine does, not what its logger does.
 LAWS = set(CODES.values()) - {"quantisation", "torque-offset", "outliers", "wrong-sign", "wrong-scale"}
 # A fresh record has them again, or others: what was found on this one does not hold for that one.
@@ -92,7 +92,7 @@ def varied(seed: int) -> dict[str, object]:
 
 
 def mixed(seed: int) -> Plan:
-    """One or two effects of any kind and size, on records of any length: what nobody thought of."""
+    """One or two effects of any kind and size, on records of any length."""
     rng = np.random.default_rng([seed, 424242])
     while True:
         kinds = [str(code) for code in rng.choice(list(KINDS), int(rng.integers(1, 3)), replace=False)]
@@ -132,7 +132,7 @@ def plans(rounds: Mapping[str, int] = ROUNDS) -> list[Plan]:
                 options["linear"] = False
             # Limits on the plain kind of record and one machine a round, where they can be compared.
             plain = {"machine_seed": FIRST_SEED + i, "seed": FIRST_SEED + i, "bodies": max(2, kind.bodies)}
-            aims = () if code.startswith("wrong-sign") else AIMS
+            aims = () if code.startswith("wrong-sign") else AIMED_VISIBILITIES
             found += [plan for plan in (
                 Plan("effect", f"effect/{code}/{i}", (code,), options),
                 Plan("removed", f"removed/{code}/{i}", (code,), options, (CODES[code],)),
@@ -149,7 +149,7 @@ def plans(rounds: Mapping[str, int] = ROUNDS) -> list[Plan]:
     return found
 
 
-def sized(plan: Plan) -> Mapping[str, object]:
+def with_aimed_size(plan: Plan) -> Mapping[str, object]:
     """The options of a plan, with the size that makes its effect as visible as it aims for.
 
     Visibility is nearly in proportion to the size, so two corrections are enough.
@@ -181,7 +181,7 @@ def run_inside(folder: Path, words: Sequence[object]) -> subprocess.CompletedPro
     return subprocess.CompletedProcess(command, code or 0, out.getvalue(), err.getvalue())
 
 
-def one(plan: Plan, diagnosing: Callable[..., Answer] = greybox_and_diagnose) -> dict:
+def run_plan(plan: Plan, diagnosing: Callable[..., Answer] = greybox_and_diagnose) -> dict:
     """Make the case, run the commands on it, open the label.
 
     Where nothing is hidden there is no label to keep from the commands, and they run in this process.
@@ -189,7 +189,7 @@ def one(plan: Plan, diagnosing: Callable[..., Answer] = greybox_and_diagnose) ->
     began, runner = time.monotonic(), run
     if plan.part == "none" and diagnosing is greybox_and_diagnose:
         runner, diagnosing = run_inside, partial(greybox_and_diagnose, runner=run_inside)
-    case = make_case(plan.effects, **(sized(plan) if plan.aim else plan.options))
+    case = make_case(plan.effects, **(with_aimed_size(plan) if plan.aim else plan.options))
     with tempfile.TemporaryDirectory() as room:
         logs, held = case.write_records(Path(room))
         start = write_start(case, Path(room))
@@ -201,7 +201,7 @@ def one(plan: Plan, diagnosing: Callable[..., Answer] = greybox_and_diagnose) ->
                  for name in ("base", "extended")}
     # Only now is there a label: nothing of it was on the disk while the commands ran.
     label = case.label(visibility=plan.part != "removed")
-    given, separations = grade(to_name(label, answer), answer, bool(plan.removed)), {}
+    given, separations = grade(expected_causes(label, answer), answer, bool(plan.removed)), {}
     if given == "undetermined" and len(plan.effects) == 1 and plan.part != "limit":  # seen, rightly or not
         separations = {rival: separation(case, rival).number for rival in answer.between
                  if rival in LAWS and rival not in label["causes"]}
@@ -211,7 +211,7 @@ def one(plan: Plan, diagnosing: Callable[..., Answer] = greybox_and_diagnose) ->
         "visibility": label.get("visibility", {}).get("all"), "sizes": [e["size"] for e in label["effects"]],
         "grade": given, "separations": separations, "verdict": answer.verdict,
         "causes": list(answer.causes), "between": list(answer.between), "gain": answer.gain, "fresh": fresh,
-        "rule": answer.rule, "facts": answer.facts, "to_name": to_name(label, answer),
+        "rule": answer.rule, "facts": answer.facts, "to_name": expected_causes(label, answer),
         "removed": list(plan.removed),
         "gains": [[c["round"], c["code"], c["state"], c.get("gain"), c.get("gain_std"), c.get("evidence")]
                   for c in answer.candidates if c.get("gain") is not None],
@@ -223,7 +223,7 @@ def one(plan: Plan, diagnosing: Callable[..., Answer] = greybox_and_diagnose) ->
         "arguments": label["arguments"], "seconds": round(time.monotonic() - began, 1)}
 
 
-def to_name(label: Mapping, answer: Answer) -> list[str]:
+def expected_causes(label: Mapping, answer: Answer) -> list[str]:
     """The hidden causes that must be named: of several those that show, and those that were found all the same."""
     each = label.get("visibility", {}).get("each") or []
     visible_causes = {cause for cause, number in zip(label["causes"], each, strict=False) if number >= VISIBLE}
@@ -300,8 +300,8 @@ def tool_values(truth: Mapping[str, float], plain: Mapping[str, float],
 
 def results() -> Path:
     """Where the rows of the tool as it is now are."""
-    rooms = ("logs", "drive", "identify", "check")
-    return results_file("study_diagnose", [f"drivetool/{room}" for room in rooms])
+    packages = ("logs", "drive", "identify", "check")
+    return results_file("study_diagnose", [f"drivetool/{room}" for room in packages])
 
 
 def study(wanted: Iterable[Plan], path: Path, workers: int = 2,
@@ -312,17 +312,17 @@ def study(wanted: Iterable[Plan], path: Path, workers: int = 2,
     # Null records run inside their worker, which therefore is a process; a stand-in can stay a thread.
     with (ProcessPoolExecutor(workers, get_context("spawn")) if diagnosing is greybox_and_diagnose else
           ThreadPoolExecutor(workers)) as pool:
-        for row in pool.map(_guarded, missing, repeat(diagnosing)):
+        for row in pool.map(_run_or_failed, missing, repeat(diagnosing)):
             with path.open("a") as file:
                 file.write(json.dumps(row) + "\n")
     keys = {plan.key for plan in wanted}
     return [row for row in rows(path) if row["key"] in keys]
 
 
-def _guarded(plan: Plan, diagnosing: Callable[..., Answer]) -> dict:
+def _run_or_failed(plan: Plan, diagnosing: Callable[..., Answer]) -> dict:
     """A case that breaks is a row too, and counts as failed; the others go on."""
     try:
-        return one(plan, diagnosing)
+        return run_plan(plan, diagnosing)
     except Exception as error:
         return {"key": plan.key, "part": plan.part, "kinds": list(plan.effects), "truth": [], "sizes": [],
                 "visibility": VISIBLE, "grade": "failed", "separations": {}, "verdict": "failed", "causes": [],
@@ -333,7 +333,7 @@ def _guarded(plan: Plan, diagnosing: Callable[..., Answer]) -> dict:
 # Tables
 
 
-def upper(hits: int, of: int) -> float:
+def upper_limit(hits: int, of: int) -> float:
     """Upper end of the one-sided 95 % Clopper-Pearson interval of a share."""
     return 1.0 if hits >= of else float(beta.ppf(0.95, hits + 1, of - hits))
 
@@ -345,11 +345,12 @@ def confusion(found: Sequence[Mapping]) -> str:
     """
     lines = [f"{'effect':<24}" + "".join(f"{g:>13}" for g in COLUMNS) + f"{'not visible':>13}  wrong names"]
     for kind in dict.fromkeys("+".join(row["kinds"]) for row in found):
-        mine = [row for row in found if "+".join(row["kinds"]) == kind]
-        seen = [row for row in mine if (row["visibility"] or 0.0) >= VISIBLE]
-        count = Counter(row["grade"] for row in seen)
-        wrong = Counter("+".join(row["causes"]) for row in seen if row["grade"] == "wrong")
-        lines.append(f"{kind:<24}" + "".join(f"{count[g]:>13}" for g in COLUMNS) + f"{len(mine) - len(seen):>13}"
+        rows_of_kind = [row for row in found if "+".join(row["kinds"]) == kind]
+        visible_rows = [row for row in rows_of_kind if (row["visibility"] or 0.0) >= VISIBLE]
+        count = Counter(row["grade"] for row in visible_rows)
+        wrong = Counter("+".join(row["causes"]) for row in visible_rows if row["grade"] == "wrong")
+        hidden = len(rows_of_kind) - len(visible_rows)
+        lines.append(f"{kind:<24}" + "".join(f"{count[g]:>13}" for g in COLUMNS) + f"{hidden:>13}"
                      + "  " + ", ".join(f"{name} {n}" for name, n in wrong.most_common(3)))
     return "\n".join(lines)
 
@@ -358,21 +359,22 @@ def limits(found: Sequence[Mapping]) -> str:
     """Per effect: the visibility from which it is found, and the smallest size stated over that at this limit."""
     lines = [f"{'effect':<24}{'found from visibility':>24}{'stated over true limit':>26}"]
     for kind in dict.fromkeys(row["kinds"][0] for row in found):
-        mine = [row for row in found if row["kinds"] == [kind] and row["visibility"] and row["sizes"]]
-        seen = [row["grade"] not in ("missed", "failed") for row in mine]
-        number = np.array([row["visibility"] for row in mine])
-        half = _half(number, np.array(seen)) if mine else None
+        rows_of_kind = [row for row in found if row["kinds"] == [kind] and row["visibility"] and row["sizes"]]
+        seen = [row["grade"] not in ("missed", "failed") for row in rows_of_kind]
+        number = np.array([row["visibility"] for row in rows_of_kind])
+        threshold = _detection_threshold(number, np.array(seen)) if rows_of_kind else None
         # Sizes are in proportion to visibility: the one at the limit is size * half / visibility.
-        ratio = [size(name, least) / (size(name, large(row["values"], name)) * half / row["visibility"])
-                 for row in mine if half
+        ratio = [size(name, least) / (size(name, amplitude(row["values"], name)) * threshold / row["visibility"])
+                 for row in rows_of_kind if threshold
                  for name, least in (row["smallest"].get(*row["truth"][:1]) or {}).items()
                  if row["values"].get(name)]
-        lines.append(f"{kind:<24}{f'over {number.max(initial=0.0):.1f}' if half is None else f'{half:.1f}':>24}"
+        limit = f"over {number.max(initial=0.0):.1f}" if threshold is None else f"{threshold:.1f}"
+        lines.append(f"{kind:<24}{limit:>24}"
                      f"{f'{np.median(ratio):.2f}' if ratio else '-':>26}")
     return "\n".join(lines)
 
 
-def gain_held(row: Mapping) -> list[bool]:
+def gain_covered(row: Mapping) -> list[bool]:
     """Whether the interval of the gain holds that on a fresh record; empty where there is none to hold."""
     ends, fresh = row["gain"].get("rmse_gain_ci95"), row["fresh"]
     if not ends or OF_THE_RECORD & set(row["causes"]) or not (fresh.get("base") and fresh.get("extended")):
@@ -385,13 +387,13 @@ def size(name: str, value: float) -> float:
     return 1.0 / value if name.endswith(".bandwidth") else value
 
 
-def large(values: Mapping[str, float], name: str) -> float:
+def amplitude(values: Mapping[str, float], name: str) -> float:
     """Size of a value; of a sine or a cosine that of the wave, whose phase says nothing about how well it shows."""
     return float(np.hypot(*(values.get(name.replace("cosine", "sine").replace("sine", part), 0.0)
                             for part in ("sine", "cosine")))) if name.endswith("sine") else abs(values[name])
 
 
-def _half(number: np.ndarray, seen: np.ndarray) -> float | None:
+def _detection_threshold(number: np.ndarray, seen: np.ndarray) -> float | None:
     """The threshold that makes the fewest errors between not seen below and seen above."""
     edges = np.sort(number)
     if not seen.any():
@@ -418,7 +420,7 @@ def summary(found: Sequence[Mapping]) -> str:
                     + ", ".join(f"{seen[grade]} {grade}" for grade in COLUMNS if seen[grade]))
     if nulls:
         text.append(f"false alarms: {alarms} of {nulls} null records, {100 * alarms / nulls:.2f} %, "
-                    f"at most {100 * upper(alarms, nulls):.2f} % (95 %)")
+                    f"at most {100 * upper_limit(alarms, nulls):.2f} % (95 %)")
     if parts["removed"]:
         wrong = sum(row["grade"] == "wrong" for row in parts["removed"])
         text.append(f"true cause not in the catalogue: named {wrong} of {len(parts['removed'])}")
@@ -431,7 +433,7 @@ def summary(found: Sequence[Mapping]) -> str:
     if fresh:
         low, middle, high = np.quantile(fresh, [0.05, 0.5, 0.95])
         text.append(f"error on fresh data over stated: median {middle:.3f}, 5 to 95 %: {low:.3f} to {high:.3f}")
-    held = [held for row in found if row["part"] not in ("none", "removed") for held in gain_held(row)]
+    held = [held for row in found if row["part"] not in ("none", "removed") for held in gain_covered(row)]
     if held:
         text.append(f"95 % interval of the gain holds that on a fresh record: {sum(held)} of {len(held)}")
     if parts["limit"]:
