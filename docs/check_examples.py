@@ -34,7 +34,7 @@ ROOT = Path(__file__).resolve().parent.parent
 PAGES = ("docs/tutorial/index.md", "README.md", "CONTRIBUTING.md", "docs/**/*.md")
 BLOCK = re.compile(r"^( *)```(console|sh|yaml)\n(.*?)^\1```$", re.MULTILINE | re.DOTALL)
 NUMBER = re.compile(r"(\d+\.\d+)")
-LAST_DIGITS = 2.0  # in units of the last digit shown; rounding alone may take one
+LAST_DIGITS = 2.0  # in units of the last digit printed; rounding alone may take one
 ENDED = "@exit"  # a line that no command prints: it parts the output of one from that of the next
 # A terminal of fixed width that draws neither colours nor a progress bar.
 TERMINAL = {"TERM": "dumb", "COLUMNS": "80", "LINES": "50"}
@@ -143,8 +143,8 @@ def faults_of(block: Block, folder: str) -> tuple[list[str], str]:
     done = run([command for command, _ in steps], folder)
     for i, ((command, expected), (printed, code)) in enumerate(zip(steps, done, strict=True)):
         problem = differs(expected, printed)
-        shown = i + 1 < len(steps) and steps[i + 1][0] == "echo $?"
-        if code and not shown:
+        checked = i + 1 < len(steps) and steps[i + 1][0] == "echo $?"
+        if code and not checked:
             problem = problem or f"exit code {code}, which the next command does not show"
         if problem:
             faults.append(f"$ {command}\n    {problem}")
@@ -178,7 +178,7 @@ def refused(block: Block, folder: str) -> list[str]:
     schema = re.match(r"schema: drivetool/([a-z-]+)/", block.text)
     if schema is None:
         return []
-    path = Path(folder) / "shown.yaml"
+    path = Path(folder) / "rewritten.yaml"
     path.write_text(block.text, encoding="utf-8")
     try:
         if schema[1] == "channel-map":

@@ -125,7 +125,7 @@ def code(text: object) -> str:
 
 
 def table(heads: Sequence[str], rows: Iterable[Sequence[str]]) -> str:
-    """A table; a bar inside of a cell is escaped."""
+    """A table; a pipe inside of a cell is escaped."""
     lines = [heads, ["---"] * len(heads), *rows]
     return "\n".join("| " + " | ".join(str(cell).replace("|", "\\|").replace("\n", " ") for cell in row) + " |"
                      for row in lines)
@@ -164,7 +164,7 @@ def commands() -> str:
 
 
 def _parameters(callback) -> list[tuple[inspect.Parameter, Any]]:
-    """(parameter, what typer is told of it) of a command; its context is none that a person gives."""
+    """(parameter, its declaration to typer) of a command; without the context, which no user gives."""
     signature = inspect.signature(callback, eval_str=True)
     return [(p, p.annotation.__metadata__[0]) for p in signature.parameters.values()
             if p.annotation is not typer.Context]
@@ -200,14 +200,14 @@ def _options(callback) -> list[tuple[str, str, str, str]]:
             ", ".join(str(c.value) for c in choices) if choices else info.metavar or parameter.name.upper())
         default = parameter.default
         if default is parameter.empty:
-            shown = "required"
+            default_text = "required"
         else:
-            shown = "" if default is None or default is False else code(getattr(default, "value", default))
+            default_text = "" if default is None or default is False else code(getattr(default, "value", default))
         argument = type(info).__name__ == "ArgumentInfo"
         names = value if argument else ", ".join(map(code, _names(info)))
         meaning = info.help + _range(info) + (" Repeatable." if "list[" in str(kind) and not argument
                                               and "repeatable" not in info.help.lower() else "")
-        rows.append((names, "" if argument else value, shown, prose(meaning)))
+        rows.append((names, "" if argument else value, default_text, prose(meaning)))
     return rows
 
 
@@ -387,7 +387,7 @@ def parameters() -> str:
         "shaft, such as `shaft` or `shaft2`. Units follow from the units of torque and motion of the drive.",
         table(heads, rows),
         "## Sums over all bodies",
-        "Where a record tells only the sum of a friction over all bodies, as the motor feels it, the sum is the "
+        "Where a record identifies only the sum of a friction over all bodies, referred to the motor, that is the "
         "parameter. A sum and its parts displace each other.",
         table(heads, sums))
 

@@ -7,7 +7,7 @@
 #     include site.mk
 #
 # NAME.steady.parquet, NAME.steps.parquet and NAME.holdout.parquet are recordings of one machine on one day. NAME may
-# have folders in it, and no blanks. `make -j2` does two at a time, `make -k` goes on after a missed bar. diagnose
+# have folders in it, and no blanks. `make -j2` does two at a time, `make -k` goes on after a missed limit. diagnose
 # does not wait for validate: it is wanted most where validate fails.
 
 DRIVETOOL ?= drivetool

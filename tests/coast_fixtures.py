@@ -1,4 +1,4 @@
-"""Recordings of the motor of the coast-down reference, as simulated: run-downs, and a run-up under supply."""
+"""Recordings of the motor of the coast-down reference, as simulated: coast-downs, and a run-up under supply."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ THINNED = round(COUNTER_STEP / STEP)
 
 
 def of_counts(seed: int, added: float) -> tuple[Channels, float]:
-    """Run down from 2240 to 80 rpm without torque; added: inertia of a disc on the shaft."""
+    """Coast-down from 2240 to 80 rpm without torque; added: inertia of a disc on the shaft."""
     motor = replace(MOTOR, inertia=MOTOR.inertia + added)
     angle, _ = motion(motor, lambda t: 0.0, 2240 * RPM, 80 * RPM, 5.0, COUNTER_STEP)
     return {"motor_angle": (np.mod(numbers(angle, seed) + 60_000, COUNTER_RANGE), "counts")}, COUNTER_STEP
@@ -37,7 +37,7 @@ def of_speed(seed: int) -> tuple[Channels, float]:
 
 
 def of_supply(seed: int) -> tuple[Channels, float]:
-    """Switched on at rest, off at speed, and run down; voltage and frequency as the converter says them."""
+    """Switched on at rest, off at speed, and coasting down; voltage and frequency as the converter says them."""
     machine = Machine(motor=MOTOR)
     angle, _, on = (values[::THINNED] for values in up_and_down(machine))
     return {"motor_angle": (numbers(angle, seed), "counts"), "supply_voltage": (machine.voltage * on, "V"),
@@ -45,7 +45,7 @@ def of_supply(seed: int) -> tuple[Channels, float]:
 
 
 def of_hertz(hertz: int) -> Channels:
-    """Counts of a run-down to 80 rpm from the no-load speed at a frequency of the supply."""
+    """Counts of a coast-down to 80 rpm from the no-load speed at a frequency of the supply."""
     angle, _ = motion(MOTOR, lambda t: 0.0, NO_LOAD * hertz, 80.0 * RPM, 5.0)
     return {"motor_angle": (np.round(counts(angle, 700 + hertz) / (2.0 * np.pi / PULSES)), "counts")}
 

@@ -1,4 +1,4 @@
-"""Run-downs of a motor without torque as experiments, for estimators that are called without files."""
+"""Coast-downs of a motor without torque as experiments, for estimators that are called without files."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ import numpy as np
 from drivetool.logs import Experiment
 from tests.simulator.coasting import PULSES, RPM, STEP, Motor, counts, driven, motion
 
-__all__ = ["PULSES", "RPM", "STEP", "Motor", "counts", "driven_then_off", "motion", "recording", "run_down"]
+__all__ = ["PULSES", "RPM", "STEP", "Motor", "coast_down", "counts", "driven_then_off", "motion", "recording"]
 
 
 def recording(seed: int, name: str = "coast.parquet", step: float = STEP, **signals: np.ndarray) -> Experiment:
@@ -16,9 +16,9 @@ def recording(seed: int, name: str = "coast.parquet", step: float = STEP, **sign
     return Experiment(name, f"{seed:064x}", step, 0.0, signals, ((0, size),))
 
 
-def run_down(seed: int, motor: Motor | None = None, fast: float = 2240 * RPM, end: float = 80 * RPM,
+def coast_down(seed: int, motor: Motor | None = None, fast: float = 2240 * RPM, end: float = 80 * RPM,
              pulses: int = PULSES) -> Experiment:
-    """A run-down by counts, no torque logged."""
+    """A coast-down by counts, no torque logged."""
     angle, _ = motion(motor or Motor(), lambda t: 0.0, fast, end, 5.0)
     return recording(seed, f"coast-{seed}.parquet", motor_angle=counts(angle, seed, pulses))
 

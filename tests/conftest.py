@@ -9,11 +9,11 @@ hypothesis.settings.register_profile("drivetool", deadline=None)  # a busy machi
 hypothesis.settings.load_profile("drivetool")
 
 # Parts of the kernel that `make test` needs: of one, two and three bodies with few smooth laws. The first part of a
-# group brings the others. Whatever else a test asks for is compiled when it does.
+# group brings the others. Whatever else a test requires is compiled on its first call.
 SIZED = ("3_1", "4_1", "5_1")
 KERNEL = ("run", "run_3", "run_4", "run_5", "run_6", "run_laws", "switch_late",
           *(f"covariance_step_{n}" for n in (3, 4, 5, 6)), *(f"law_columns_{size}" for size in SIZED))
-LONG = 15.0  # s of processor time: only a hidden effect asked for at the command line may take more in `make test`
+LONG = 15.0  # s of processor time: only a hidden effect diagnosed at the command line may take more in `make test`
 
 
 def pytest_addoption(parser):
@@ -86,7 +86,7 @@ def call(capfd):
 def code_for_any_size():
     """No machine code made for one number of states or laws: to compile it takes longer than these tests do.
 
-    That it gives the same is asked in drive/test_kernel_sizes.py.
+    drive/test_kernel_sizes.py tests that it gives the same.
     """
     from drivetool.drive.simulation import augment, simulate
 

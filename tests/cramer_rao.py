@@ -26,7 +26,7 @@ def least_std(machine: Machine, figures: Callable[[Machine], Mapping[str, float]
               sensor: float, noise: float = 0.0, records: int = 10, first: int = 0) -> dict[str, float]:
     """Figure -> bound of its standard deviation.
 
-    figures  what is asked for as a function of the machine; all of FIELDS are unknown, as are start and
+    figures  the requested figures as a function of the machine; all of FIELDS are unknown, as are start and
              torque offset, and, with torque noise, the polynomial C of A y = B u + C e
     sensor   std of the motor speed's white noise [rad/s]; noise: of the torque's [Nm]
     records  with torque noise the speed itself carries information: averaged over so many

@@ -1,4 +1,4 @@
-"""Run-ups and run-downs of an induction motor as experiments, for estimators that are called without files."""
+"""Run-ups and coast-downs of an induction motor as experiments, for estimators that are called without files."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ ELECTRICAL = {"motor.stator_resistance": 60.5, "motor.rotor_resistance": 42.2, "
 
 
 def switched(seed: int, machine: Machine | None = None, phases: bool = False) -> Experiment:
-    """A run-up and run-down by counts, with what the converter says of its supply, or two phases of it."""
+    """A run-up and a coast-down by counts, with what the converter says of its supply, or two phases of it."""
     machine = machine or Machine()
     angle, _, on = up_and_down(machine)
     signals = {"motor_angle": counts(angle, seed)}

@@ -99,7 +99,7 @@ def reversing_moves(seed: int, largest: float) -> Trajectory:
 
 
 def reversing_steady(seed: int, levels: tuple[float, ...]) -> Trajectory:
-    """Set points of both directions: tells Coulomb friction from idle torque."""
+    """Set points of both directions, which distinguish Coulomb friction from idle torque."""
     reference = experiments.staircase(levels, dwell=3.0, ramp=1.0, step=STEP)
     start = running(REVERSING, levels[0])
     controller = SpeedPI(reference, 60.0, 200.0, STEP, None, start.torque, 60.0, TORQUE_RESOLUTION)
@@ -136,13 +136,13 @@ RECORDS = {
 
 
 # The light rig of Table 6.2 with its gap, damped in the gap too, and with a shaft-torque sensor.
-LIGHT = replace(TABLE, half_gap=(0.156,), damping=(0.863,), law="always")
+LIGHT_RIG = replace(TABLE, half_gap=(0.156,), damping=(0.863,), law="always")
 LIGHT_RESOLUTION = {"Nm": 1e-3, "rad/s": 1e-4}
 
 
 def light_channels(torque: np.ndarray, speed: float, seed: int) -> Channels:
     """Open loop from a constant speed, rounded as a logger does."""
-    return logged(light_rigs.channels(LIGHT, np.round(torque, 3), speed, seed, light_rigs.Sensors()))
+    return logged(light_rigs.channels(LIGHT_RIG, np.round(torque, 3), speed, seed, light_rigs.Sensors()))
 
 
 def logged(record: Channels) -> Channels:
@@ -152,18 +152,18 @@ def logged(record: Channels) -> Channels:
 
 def light_steps(seed: int, speed: float, sizes: tuple[float, ...]) -> Channels:
     """Torque only ever upwards: the gap stays closed."""
-    base = running(LIGHT, speed).torque
+    base = running(LIGHT_RIG, speed).torque
     return light_channels(experiments.steps(round(base, 3), sizes, (0.3, 0.6), 0.5, STEP, seed), speed, seed)
 
 
 def light_gap(seed: int, speed: float, amplitude: tuple[float, float]) -> Channels:
     """Torque steps of both signs: the shaft crosses its gap."""
-    base = running(LIGHT, speed).torque
+    base = running(LIGHT_RIG, speed).torque
     return light_channels(experiments.alternating(base, amplitude, (0.25, 0.5), 11, 0.4, STEP, seed), speed, seed)
 
 
 LIGHT_RECORDS = {
-    "steady": lambda: logged(light_rigs.steady_record(LIGHT, 601)),
+    "steady": lambda: logged(light_rigs.steady_record(LIGHT_RIG, 601)),
     "steps": lambda: light_steps(602, 105.0, (30.0, 40.0, 25.0, 35.0, 30.0, 45.0, 25.0, 30.0)),
     "gap": lambda: light_gap(603, 110.0, (40.0, 80.0)),
     "gap_holdout": lambda: light_gap(604, 110.0, (30.0, 90.0)),
@@ -235,7 +235,7 @@ def make(folder: Path) -> None:
             write_mcap(folder / room / f"{name}.mcap", values, STEP)
             print(f"{room}/{name}: {len(values['motor_torque'][0]) * STEP:g} s", file=sys.stderr)
     (folder / "light").mkdir(parents=True, exist_ok=True)
-    (folder / "light" / "truth.yaml").write_text(truth(LIGHT, DRIVE_NOISE, "Nm", "rad", "motor_speed"))
+    (folder / "light" / "truth.yaml").write_text(truth(LIGHT_RIG, DRIVE_NOISE, "Nm", "rad", "motor_speed"))
     for name, record in LIGHT_RECORDS.items():
         values = record()
         write_parquet(folder / "light" / f"{name}.parquet", values, STEP)

@@ -18,7 +18,7 @@ Message = tuple[int, int, int, bytes]
 
 
 def streamed(data: bytes) -> bytes:
-    """As recorders pack that do not know the size beforehand: the frame does not tell it."""
+    """As recorders pack that do not know the size beforehand: the frame does not state it."""
     packer = zstandard.ZstdCompressor().compressobj()
     return packer.compress(data) + packer.flush()
 

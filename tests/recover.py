@@ -120,19 +120,19 @@ def gap_record(machine: Machine, seed: int, torque_noise: float = 0.002, speed_n
 
 
 def one_sensor(seed: int, torque_noise: float = 0.002, spikes: Mapping[int, float] = MappingProxyType({}),
-               kicks: Mapping[int, float] = MappingProxyType({})) -> tuple[Model, float]:
+               speed_steps: Mapping[int, float] = MappingProxyType({})) -> tuple[Model, float]:
     """(base of a diagnosis of the motor's speed alone, std of the torque noise over that of the sensor).
 
     torque_noise  std over the rated torque
     spikes        sample -> wrong value of the sensor, over its noise
-    kicks         sample -> step of the motor's speed by a torque that is not logged, over the sensor's noise
+    speed_steps   sample -> step of the motor's speed by a torque that is not logged, over the sensor's noise
     """
     machine, size = machine_by_seed(seed), 4000
     rated = machine.rated_torque
     torque = multisine(np.linspace(0.05, 2.0, 12) * resonance(machine), 0.1 * rated, size * STEP, STEP, seed)[:size]
     noise = white_noise(size, torque_noise * rated, 3 * seed)
     sensor = 1e-3 * np.abs(simulate_linear(machine, torque, STEP, None, noise).speeds).max()
-    noise[list(kicks)] += machine.inertia[0] * sensor / STEP * np.array(list(kicks.values()))
+    noise[list(speed_steps)] += machine.inertia[0] * sensor / STEP * np.array(list(speed_steps.values()))
     run = simulate_linear(machine, torque, STEP, None, noise)
     wrong = white_noise(size, sensor, 3 * seed + 1)
     wrong[list(spikes)] += sensor * np.array(list(spikes.values()))

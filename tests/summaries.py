@@ -13,7 +13,7 @@ from tests.check.trends.sites import site, step
 FIELDS = {"recording": pa.string(), "machine": pa.string(), "start": pa.timestamp("us", "UTC"), "order": pa.int32(),
           "step": pa.string(), "parameter": pa.string(), "value": pa.float64(), "unit": pa.string(),
           "std": pa.float64(), "status": pa.string(), "kind": pa.string()}
-SHOWN = ("shaft.half_gap", "motor.viscous", "motor.inertia")
+PARAMETERS = ("shaft.half_gap", "motor.viscous", "motor.inertia")
 
 
 def table_of(rows):
@@ -33,7 +33,7 @@ def site_of_the_pages():
     """Three presses: the gap of one opens in a step, the friction of another grows slowly."""
     changed = {(3, "shaft.half_gap"): step(9.0, 15), (2, "motor.viscous"): 0.4 * np.arange(25)}
     rows = site(4, machines=3, changed=changed)
-    return [row for row in rows if row.parameter in SHOWN]
+    return [row for row in rows if row.parameter in PARAMETERS]
 
 
 if __name__ == "__main__":

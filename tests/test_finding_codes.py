@@ -1,4 +1,4 @@
-"""The registry of finding codes against the code that raises them and the tests that ask for them."""
+"""The registry of finding codes against the code that raises them and the tests that name them."""
 
 import ast
 import csv
@@ -17,17 +17,17 @@ SEVERITIES = ("note", "warning", "failure")
 HANDED_ON = {"check/faults/record_faults.py": {"wrong-sign", "wrong-scale"},
              "check/faults/shaft.py": {"wrong-sign", "wrong-scale"},
              "identify/blackbox/blackbox_findings.py": {"shaft-not-identifiable", "no-conversion"}}
-# Where a code or a text of a finding is asked for, and why. State is handed on as a value; what is told may be
+# Where code reads the code or the text of a finding, and why. State is handed on as a value; findings may be
 # sorted.
-OF_A_FILE, SORTED = "the code in the file is the interface", "sorts what is told, computes nothing"
-ASKED = {
-    ("check/full_diagnosis.py", "confirmed_outliers"): "asks faults, by the code of their cause",
+OF_A_FILE, SORTED = "the code in the file is the interface", "sorts findings, computes nothing"
+CODE_READERS = {
+    ("check/full_diagnosis.py", "confirmed_outliers"): "selects faults, by the code of their cause",
     ("files/results/diagnosis_input.py", "base_findings"): OF_A_FILE,
     ("files/results/result_file.py", "estimate_file"): OF_A_FILE,
-    ("site/trends/trends_result.py", "count_sentence"): "counts what is told",
+    ("site/trends/trends_result.py", "count_sentence"): "counts findings",
     ("identify/coast_down/stretches.py",
      "_refuse_counter_wrap"): "a recording has no other place for what is wrong with it",
-    ("identify/laws/missing_structure.py", "report_missing_structure"): "asks a Lack, which becomes a finding here",
+    ("identify/laws/missing_structure.py", "report_missing_structure"): "reads a Lack, a finding from here on",
     ("identify/inverse/estimator.py", "_parameter_lines"): SORTED,
     ("identify/estimate/interval_and_status.py", "without_not_identifiable_findings"): SORTED,
     ("identify/blackbox/shaft_torque_fit.py", "with_shaft_torque"): SORTED,
@@ -86,11 +86,11 @@ def test_every_registered_code_is_raised_with_the_severities_that_it_states():
         assert set(entry.severities) < raised if verdict else set(entry.severities) == raised, code
 
 
-def test_every_registered_code_is_asked_for_in_a_test():
+def test_every_registered_code_occurs_in_a_test():
     here = Path(__file__).resolve()
     tests = "".join(p.read_text(encoding="utf-8") for p in sorted((ROOT / "tests").rglob("*.py")) if p != here)
-    asked = set(re.findall('"(?:note |warning |failure )?([a-z-]+)"', tests))
-    assert not set(CODES) - asked
+    tested = set(re.findall('"(?:note |warning |failure )?([a-z-]+)"', tests))
+    assert not set(CODES) - tested
 
 
 def test_renamed_codes_lead_to_present_ones_and_stand_in_the_table_of_names():
@@ -130,7 +130,7 @@ def _are_findings(tree: ast.AST) -> set[str]:
     return {"finding"} | names | {a.arg for a in arguments if ast.unparse(a.annotation) == "Finding"}
 
 
-def _asked(tree: ast.AST) -> bool:
+def _reads_findings(tree: ast.AST) -> bool:
     """Whether anything depends on the code or the text of a finding."""
     names = _are_findings(tree)
 
@@ -154,9 +154,9 @@ def test_nothing_depends_on_the_code_or_the_text_of_a_finding():
     package, found = ROOT / "drivetool", set()
     for path in sorted(package.rglob("*.py")):
         for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
-            if isinstance(node, ast.FunctionDef) and _asked(node):
+            if isinstance(node, ast.FunctionDef) and _reads_findings(node):
                 found.add((path.relative_to(package).as_posix(), node.name))
-    assert found == set(ASKED)
+    assert found == set(CODE_READERS)
 
 
 @pytest.mark.parametrize("line", [
@@ -166,7 +166,7 @@ def test_nothing_depends_on_the_code_or_the_text_of_a_finding():
     "[f for f in more if f.code != 'model-error']",
     "[f for f in findings if name in f.text]"])
 def test_such_a_question_is_seen(line):
-    assert _asked(ast.parse(line))
+    assert _reads_findings(ast.parse(line))
 
 
 def test_what_a_file_says_by_codes_stands_in_their_table():
@@ -175,5 +175,5 @@ def test_what_a_file_says_by_codes_stands_in_their_table():
 
 
 def test_the_parameter_of_a_finding_makes_no_second_one():
-    one = Finding("warning", "not-identifiable", "It cannot be told.", {}, "Do.", "motor.inertia")
-    assert one == Finding("warning", "not-identifiable", "It cannot be told.", {}, "Do.")
+    one = Finding("warning", "not-identifiable", "It is not identifiable.", {}, "Do.", "motor.inertia")
+    assert one == Finding("warning", "not-identifiable", "It is not identifiable.", {}, "Do.")

@@ -131,23 +131,23 @@ def test_a_banded_damper_is_friction_behind_a_gap_and_a_hardening_spring():
         drive = found[k].drive
         names = (*default_free(drive, []), "shaft.half_gap", "motor.coulomb", "load.coulomb")
         judged = fitted(other, drive, ("friction.factor",), names)
-        assert judged.fit["torque_rmse_over_sd"] <= 0.16  # asked 0.22, hoped for 0.15
+        assert judged.fit["torque_rmse_over_sd"] <= 0.16  # required 0.22, hoped for 0.15
 
 
-def test_a_damper_without_friction_and_gap_is_told_what_it_lacks_by_another_record():
+def test_another_record_identifies_the_missing_friction_and_gap_of_a_damper():
     """The band of the other is drawn tighter: one factor on all friction is its own."""
     records = [opened(f"damper-{k}.parquet", motor_torque={"channel": "force", "unit": "N"},
                       motor_angle={"channel": "displacement", "unit": "m"}) for k in "ab"]
-    begun = {"motor.inertia": 1.0, "motor.viscous": 0.0, "motor.coulomb": 0.0, "load.inertia": 60.0,
+    start_values = {"motor.inertia": 1.0, "motor.viscous": 0.0, "motor.coulomb": 0.0, "load.inertia": 60.0,
              "load.viscous": 30000.0, "shaft.stiffness": 1.2e6, "shaft.damping": 4000.0}
-    base = greybox(records[:1], two_mass("N", "m").with_values(begun),
+    base = greybox(records[:1], two_mass("N", "m").with_values(start_values),
                    Options(criterion="inverse", hold=("motor.inertia", "motor.viscous", "motor.coulomb")))
     free = [p.name for p in base.parameters if p.status != "held"]
     own = "friction.factor@b"
     drive = replace(base.drive, records={"b": records[1].sha256}).with_values({own: 1.0})
-    asked = DiagnoseOptions(("coulomb-load", "backlash", "hardening-stiffness", "quadratic-drag"), rounds=2,
+    options = DiagnoseOptions(("coulomb-load", "backlash", "hardening-stiffness", "quadratic-drag"), rounds=2,
                             criterion="inverse")
-    found = diagnose(records[:1], drive, free, asked, records[1:], begun, (own,))
+    found = diagnose(records[:1], drive, free, options, records[1:], start_values, (own,))
     # A spring that hardens and a gap behind a linear one make nearly the same force over the way.
     assert "coulomb-load" in found.causes
     assert {"backlash", "hardening-stiffness"} & {*found.causes, *found.between}

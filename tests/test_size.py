@@ -1,6 +1,6 @@
 """How many statements each room has, and that all together have no more than `size.txt` says.
 
-The stubs of faces are lists of names, of which no line runs; the table tells their lines apart.
+The stubs of faces are lists of names, of which no line runs; the table lists their lines separately.
 """
 
 import ast

@@ -138,11 +138,11 @@ def test_every_name_of_a_face_is_there_and_faces_load_nothing_heavy():
     subprocess.run([sys.executable, "-c", program], check=True)
 
 
-def test_only_what_is_heavy_is_imported_inside_a_function():
+def test_only_slow_imports_stand_inside_a_function():
     heavy = {place: _modules_that_load(HEAVY | more) for place, more in {"": set(), **LATER}.items()}
-    light = [a for a in tree.arrows() if a.inside
+    cheap = [a for a in tree.arrows() if a.inside
              and a.target not in heavy[next((place for place in LATER if a.source.startswith(place)), "")]]
-    assert [f"{a.source}:{a.line} imports {a.target} inside a function" for a in light] == []
+    assert [f"{a.source}:{a.line} imports {a.target} inside a function" for a in cheap] == []
 
 
 def _modules_that_load(heavy):

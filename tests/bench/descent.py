@@ -19,10 +19,12 @@ from tests.bench.records import CASES, STEP
 NAMES = ("motor.inertia", "load.inertia", "shaft.stiffness", "shaft.damping", "motor.viscous",
          "load.idle_torque", "motor.coulomb", "shaft.half_gap")
 SIGNS = np.array([1, -1, 1, -1, -1, 1, 1, -1])
-OFF = 0.15
+START_ERROR = 0.15
 LENGTH = 2000  # samples in a segment
 SMOOTHING = 0.005  # rad/s in tanh(speed / smoothing); RK4 at 1 ms is stable from 0.004
-HOT, STEPS, QUIET, PATIENCE, BOX, COLDEST = 10.0, 3, 4, 5, 3.0, 1e-5
+# The noise ratio falls from a multiple of the natural one to a share of that; damping is held in the first stages.
+START_RATIO_FACTOR, END_RATIO_SHARE = 10.0, 1e-5
+STEPS_PER_STAGE, HELD_DAMPING_STAGES, MAX_WORSE_STAGES, BOUND_FACTOR = 3, 4, 5, 3.0
 DAMPING_COLUMN = 3
 SHAPE = np.array([0, 1, 2, 3, 7])
 TOLERANCE = 1e-7
@@ -71,7 +73,7 @@ def main_job() -> Job:
     record = case.record()
     torque, speed = record.signals["motor_torque"], record.signals["motor_speed"]
     truth = np.array([case.truth[n] for n in NAMES])
-    start = truth * (1.0 + OFF * SIGNS)
+    start = truth * (1.0 + START_ERROR * SIGNS)
     return Job(torque, speed, truth, start, _states(torque, speed, start)[::LENGTH])
 
 
@@ -112,13 +114,13 @@ def descend(peer: Peer, job: Job) -> Reached:
     """From the start values through the cooling observers to the free run."""
     p, starts, count = job.start.copy(), job.starts.copy(), np.zeros(2, int)
     low, high = np.zeros(8), np.full(8, np.inf)
-    low[SHAPE], high[SHAPE] = p[SHAPE] / BOX, p[SHAPE] * BOX
-    ratio, lowest, best, worse, flat, stage = HOT * natural(p), np.inf, None, 0, 0, 0
+    low[SHAPE], high[SHAPE] = p[SHAPE] / BOUND_FACTOR, p[SHAPE] * BOUND_FACTOR
+    ratio, lowest, best, worse, flat, stage = START_RATIO_FACTOR * natural(p), np.inf, None, 0, 0, 0
     first = natural(p)
-    while ratio > COLDEST * first and worse < PATIENCE and flat < 2:
+    while ratio > END_RATIO_SHARE * first and worse < MAX_WORSE_STAGES and flat < 2:
         gain = observer(p, ratio)
-        hold = DAMPING_COLUMN if stage < QUIET else None
-        p, starts, cost = _marquardt(peer, job, p, starts, gain, STEPS, 1e-6, (low, high), hold, count)
+        hold = DAMPING_COLUMN if stage < HELD_DAMPING_STAGES else None
+        p, starts, cost = _marquardt(peer, job, p, starts, gain, STEPS_PER_STAGE, 1e-6, (low, high), hold, count)
         value = 0.5 * len(job.speed) * np.log(cost)  # a steady observer's innovations have one variance
         flat = flat + 1 if lowest - 2.0 < value < lowest else 0
         worse = 0 if value < lowest else worse + 1

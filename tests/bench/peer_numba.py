@@ -20,13 +20,13 @@ def rates(x, s, u, p, ws, dx, ds, columns):
     on = side * side
     shaft = on * (stiffness * (x[2] - side * gap) + damping * w)
     sign = np.tanh(x[0] / ws)
-    rough = viscous + coulomb / ws * (1.0 - sign * sign)
+    slope = viscous + coulomb / ws * (1.0 - sign * sign)
     dx[0] = (u - viscous * x[0] - coulomb * sign - shaft) / inertia
     dx[1] = (shaft - idle) / load
     dx[2] = w
     for q in range(columns):
         t = on * (stiffness * s[2, q] + damping * (s[0, q] - s[1, q]))
-        ds[0, q] = -rough * s[0, q] - t
+        ds[0, q] = -slope * s[0, q] - t
         ds[1, q] = t
         ds[2, q] = s[0, q] - s[1, q]
     if columns > 0:

@@ -6,7 +6,7 @@ import numpy as np
 
 from tests.bench.descent import LENGTH, SMOOTHING, STEP, Job
 
-SHARE, SMALL = 1e-6, 1e-6  # steps of the differences: of a parameter, of a start state
+SHARE, DIFFERENCE_STEP = 1e-6, 1e-6  # steps of the differences: of a parameter, of a start state
 
 
 class NumpyPeer:
@@ -46,11 +46,11 @@ class NumpyPeer:
 
     def sensitivities(self, p, starts, gain):
         values, states = np.tile(p[:, None, None], (1, 12, 1)), np.tile(starts.T[:, None, :], (1, 12, 1))
-        steps = np.r_[SHARE * p, np.full(3, SMALL)]
+        steps = np.r_[SHARE * p, np.full(3, DIFFERENCE_STEP)]
         for q in range(8):
             values[q, 1 + q] += steps[q]
         for j in range(3):
-            states[j, 9 + j] += SMALL
+            states[j, 9 + j] += DIFFERENCE_STEP
         out = self._run(values, states, gain)
         jac = (out[:, 1:] - out[:, :1]) / steps[:, None]
         return out[:, 0].T.ravel(), np.ascontiguousarray(jac.transpose(2, 0, 1)).reshape(-1, 11)

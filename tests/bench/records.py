@@ -1,8 +1,8 @@
-"""Five records that the fit must master from rough starts, by the independent simulator.
+"""Five records that the fit must reach from distant starts, by the independent simulator.
 
 The first is the main job: 24 000 samples at 1 kHz, eight parameters, gap and Coulomb friction. The
 others are other machines: load over motor inertia from 0.2 to 8, closed and open loop, one chain of
-three masses. The way in was worked out on these five. The light one is without torque noise: with it,
+three masses. The way in was worked out on these five. The one of low load inertia is without torque noise: with it,
 rattling makes the filter's likelihood prefer a wrong gap, and no start can help that.
 """
 
@@ -103,7 +103,7 @@ def _open(machine: Machine, duration: float, base: float, steps: tuple[float, fl
 
 
 MAIN = Machine((0.6, 5.2), (0.8, 0.0), (5.0, 0.0), (0.0, 8.0), (3300.0,), (3.1,), (0.03,))
-LIGHT = Machine((2.0, 0.4), (0.5, 0.0), (4.0, 0.0), (0.0, 3.0), (4200.0,), (1.5,), (0.006,))
+LOW_INERTIA = Machine((2.0, 0.4), (0.5, 0.0), (4.0, 0.0), (0.0, 3.0), (4200.0,), (1.5,), (0.006,))
 EVEN = Machine((0.05, 0.05), (0.02, 0.0), (0.3, 0.0), (0.0, 0.4), (90.0,), (0.05,), (0.02,))
 HEAVY = Machine((20.0, 160.0), (15.0, 0.0), (60.0, 0.0), (0.0, 250.0), (30000.0,), (50.0,), (0.04,))
 THREE = Machine((0.4, 0.25, 1.6), (0.5, 0.0, 0.0), (2.0, 0.0, 0.0), (0.0, 0.0, 4.0), (2500.0, 4000.0),
@@ -112,8 +112,8 @@ THREE = Machine((0.4, 0.25, 1.6), (0.5, 0.0, 0.0), (2.0, 0.0, 0.0), (0.0, 0.0, 4
 CASES = {case.name: case for case in (
     Case("main", MAIN, two_mass(), SHAPE, lambda: _closed(
         MAIN, 24.0, 6.0, 9.0, np.arange(2.0, 25.0), 0.7, 0.02, 0.0, 20261120, 60.0)),
-    Case("light", LIGHT, two_mass(), SHAPE, lambda: _closed(
-        LIGHT, 12.0, 8.0, 12.0, np.arange(3.0, 40.0, 2.0), 0.8, 0.01, 0.0, 31, 80.0)),
+    Case("low-inertia", LOW_INERTIA, two_mass(), SHAPE, lambda: _closed(
+        LOW_INERTIA, 12.0, 8.0, 12.0, np.arange(3.0, 40.0, 2.0), 0.8, 0.01, 0.0, 31, 80.0)),
     Case("even", EVEN, two_mass(), SHAPE, lambda: _open(
         EVEN, 12.0, 0.4, (1.2, 2.5), (0.3, 0.6), np.arange(1.0, 20.0), 0.06, 0.05, 0.0, 41)),
     Case("heavy", HEAVY, two_mass(), SHAPE, lambda: _closed(
@@ -125,7 +125,7 @@ CASES = {case.name: case for case in (
 
 @cache
 def _record(name: str) -> Experiment:
-    """Simulating takes half a minute; the copy kept is told by the text of what made it."""
+    """Simulating takes half a minute; the cached copy is identified by a hash of the code that made it."""
     sources = [Path(m.__file__) for m in (laws, machine, simulate, stepper)] + [Path(__file__)]
     key = hashlib.sha256(b"".join(p.read_bytes() for p in sources)).hexdigest()[:12]
     path = Path(tempfile.gettempdir()) / f"drivetool-bench-{os.getuid()}" / f"{name}-{key}.npz"

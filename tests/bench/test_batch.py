@@ -93,9 +93,9 @@ def side_by_side(folder: Path, count: int) -> float:
     runs = [subprocess.Popen([*words, "1"], cwd=half, env=environment(), stderr=subprocess.DEVNULL)
             for half in halves]
     assert [run.wait() for run in runs] == [0, 0]
-    apart, began = time.perf_counter() - began, time.perf_counter()
+    separate, began = time.perf_counter() - began, time.perf_counter()
     subprocess.run([*words, "2"], cwd=whole, env=environment(), stderr=subprocess.DEVNULL, check=True)
-    return apart / (time.perf_counter() - began)
+    return separate / (time.perf_counter() - began)
 
 
 def test_a_recording_costs_little_more_than_by_hand(tmp_path):

@@ -1,4 +1,4 @@
-"""From rough starts to the right optimum, through the estimator that the command calls."""
+"""From distant starts to the right optimum, through the estimator that the command calls."""
 
 from __future__ import annotations
 
@@ -66,7 +66,7 @@ def reached(name: str, criterion: str, off: float, seed: int) -> tuple[bool, str
 @pytest.mark.parametrize(("name", "criterion", "off"), [
     ("main", "simulation", 0.4), ("heavy", "innovations", 0.4),
     pytest.param("three", "innovations", 0.15, marks=pytest.mark.slow)])
-def test_a_rough_start_reaches_the_optimum(name, criterion, off):
+def test_a_distant_start_reaches_the_optimum(name, criterion, off):
     good, words = reached(name, criterion, off, 2)
     assert good, words
 
@@ -80,7 +80,7 @@ def test_the_estimate_says_how_its_starts_agreed():
     for p in estimate.parameters:
         if p.status == "fitted":
             assert abs(p.value - case.truth[p.name]) < max(0.05 * case.truth[p.name], 3.0 * p.std)
-            # What agreed did not end further apart than the interval is wide.
+            # What agreed did not end at a larger distance than the interval is wide.
             assert estimate.starts.spread[p.name] < 4.0 * p.std
 
 
@@ -114,7 +114,7 @@ def test_a_part_that_is_held_keeps_its_value_and_so_do_parts_that_backlash_is_gi
 @pytest.mark.study
 @pytest.mark.parametrize("criterion", ["innovations", "simulation"])
 @pytest.mark.parametrize("name", CASES)
-def test_twenty_rough_starts(name, criterion):
+def test_twenty_distant_starts(name, criterion):
     """19 of 20 at +-15 %, 16 of 20 at +-40 %; DRIVETOOL_STUDY_STARTS sets the count."""
     if criterion == "simulation" and name not in EXACT_TORQUE:
         pytest.skip("torque noise biases a simulation-error fit")

@@ -1,4 +1,4 @@
-"""A gap before a light load, whose likelihood has many local optima: the fit ends at the true values."""
+"""A gap before a load of low inertia, whose likelihood has many local optima: the fit ends at the true values."""
 
 import pytest
 
@@ -21,7 +21,7 @@ def base_of(case):
 
 
 @pytest.mark.slow
-def test_a_gap_before_a_light_load_is_found_where_it_is():
+def test_a_gap_before_a_load_of_low_inertia_is_found_where_it_is():
     """Load of 18 % of the motor; from a few half gaps alone the fit ended 750 of log likelihood higher."""
     case = make_case("backlash", 361031, seed=361031)
     base = base_of(case)
@@ -34,12 +34,12 @@ def test_a_gap_before_a_light_load_is_found_where_it_is():
 
 
 @pytest.mark.slow
-def test_a_heavy_load_takes_no_such_search_and_a_linear_shaft_is_given_up_soon():
-    heavy = base_of(make_case("none", 351001, seed=351001))
-    assert backlash_fits(heavy, all_samples(heavy.problem)) == []
-    light = base_of(make_case("none", 361031, seed=361031))
-    ends = backlash_fits(light, all_samples(light.problem))
-    assert ends and ends[0].value > light.value - 10.0  # no gap, no gain
+def test_a_load_of_high_inertia_takes_no_such_search_and_a_linear_shaft_is_given_up_soon():
+    high_inertia = base_of(make_case("none", 351001, seed=351001))
+    assert backlash_fits(high_inertia, all_samples(high_inertia.problem)) == []
+    low_inertia = base_of(make_case("none", 361031, seed=361031))
+    ends = backlash_fits(low_inertia, all_samples(low_inertia.problem))
+    assert ends and ends[0].value > low_inertia.value - 10.0  # no gap, no gain
 
 
 @pytest.mark.slow
@@ -55,7 +55,7 @@ def test_a_gap_that_no_second_optimum_confirms_has_no_interval(tmp_path):
 
 
 @pytest.mark.long
-def test_a_gap_that_a_shaft_torque_sensor_feels_is_no_wrong_scale_of_it(tmp_path):
+def test_a_gap_in_the_shaft_torque_is_no_wrong_scale_of_its_sensor(tmp_path):
     """Without the gap the base took that sensor for exact, and every gap fit ended in a wrong optimum."""
     case = make_case("backlash", 371024, seed=371024, sensors=("motor_speed", "shaft_torque"))
     logs, _ = case.write_records(tmp_path)

@@ -50,7 +50,7 @@ class Fits:
         self.ends, self.made = ends, []
         monkeypatch.setattr(attempting, "fit", self)
         monkeypatch.setattr(attempting, "screened_for_significance", lambda tried, _: tried)
-        monkeypatch.setattr(PreparedStart, "ready", lambda begun, _: begun.model)
+        monkeypatch.setattr(PreparedStart, "ready", lambda start, _: start.model)
 
     def __call__(self, model, _, max_iterations=None, goal=np.inf):
         self.made.append((model.problem, "first" if max_iterations == attempting.FIRST_FIT_ITERATIONS else "whole"))

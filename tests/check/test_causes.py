@@ -75,7 +75,7 @@ def starts_on(code, base):
 def test_a_cause_has_starts_or_says_why_not(code, base):
     """What is free in a start, and what a start adds, belongs to the drive; amplitudes are free and begin small."""
     base = starts_on(code, base)
-    cause, shown = CAUSES[code], base.task.drive
+    cause, base_drive = CAUSES[code], base.task.drive
     starts = cause.starts(base)
     if not starts:
         state, reason = why_absent(cause, base)
@@ -85,8 +85,8 @@ def test_a_cause_has_starts_or_says_why_not(code, base):
     for start in starts:
         new = [n for n in start.task.free if n not in base.task.free]
         assert set(start.amplitudes) <= set(new) and set(start.task.free) <= set(start.task.drive.quantities)
-        longer = start.task.drive.bodies != shown.bodies
-        assert longer or any(cause.has(n) for n in start.task.drive.values if n not in shown.values)
+        longer = start.task.drive.bodies != base_drive.bodies
+        assert longer or any(cause.has(n) for n in start.task.drive.values if n not in base_drive.values)
         values = [start.task.drive.value(n) for n in new]
         assert np.isfinite(values).all()
         for name, (low, high) in (cause.bounds(base, start.task) if cause.bounds else {}).items():

@@ -110,15 +110,15 @@ def test_missing_values_and_a_load_alone_are_no_fault():
 def test_the_scale_fitted_with_the_drive_is_far_more_accurate(seed, kinds, factor):
     """What half a per cent leaves of the load's motion is no law that is missing."""
     (mended,), faults = record_faults_of([recorded(seed, kinds, factor)], WANTED, RATIO)
-    rough = faults[0].finding.evidence
+    estimate = faults[0].finding.evidence
     wrong = {"motor.inertia": 1.1, "load.inertia": 0.9, "shaft.stiffness": 1.1, "shaft.damping": 0.9}
     drive = drive_of(geared(seed))
     drive = drive.with_values({n: v * drive.value(n) for n, v in wrong.items()})
     free = (*wrong, "motor.viscous", "load.viscous")
     (again,), (fault,) = load_scale((mended,), drive, free, faults, {})
     fine = fault.finding.evidence
-    assert fine["std"] < 0.2 * rough["std"]
+    assert fine["std"] < 0.2 * estimate["std"]
     assert abs(fine["factor"] - factor) < 3.5 * fine["std"]
     role = f"load_{kinds[1]}"
     np.testing.assert_allclose(
-        again.signals[role] * fine["factor"], mended.signals[role] * rough["factor"], rtol=1e-9)
+        again.signals[role] * fine["factor"], mended.signals[role] * estimate["factor"], rtol=1e-9)

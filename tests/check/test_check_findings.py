@@ -37,8 +37,8 @@ def test_a_failed_check_of_the_shaft_torque_is_reported(breaks, monkeypatch):
     class Searched(Exception):
         pass
 
-    def searched(asked, *_):
-        raise Searched(asked.notes)
+    def searched(request, *_):
+        raise Searched(request.notes)
 
     monkeypatch.setattr(diagnose, "shaft_fault", check)
     monkeypatch.setattr(diagnose, "search_records", searched)
@@ -71,26 +71,26 @@ def test_where_rounding_alone_is_left_no_sample_is_impossible(monkeypatch, round
     """On a record without noise the innovations are its last digits. And the fault of the sensor is reported in
     no search that trusts it.
     """
-    asked, begun = [], []
+    calls, fault_codes = [], []
     blamed = fault("wrong-scale", factor=1.09, shaft=True)
     ended = SimpleNamespace(rounds=rounds, left=SimpleNamespace(total=0.0), model=None, train=(), faults=[blamed],
                             found=SimpleNamespace(causes=("friction-drift",), between=()))
 
-    def searched(asked, records, drive, faults):
-        begun.append([f.code for f in faults])
+    def search(request, records, drive, faults):
+        fault_codes.append([f.code for f in faults])
         return ended
 
     monkeypatch.setattr(diagnose, "shaft_fault", lambda mended, drive, *_: (mended, drive, [blamed]))
-    monkeypatch.setattr(diagnose, "search_records", searched)
-    monkeypatch.setattr(diagnose, "with_shaft_scale", lambda asked, search, *_: search)
+    monkeypatch.setattr(diagnose, "search_records", search)
+    monkeypatch.setattr(diagnose, "with_shaft_scale", lambda request, search, *_: search)
     monkeypatch.setattr(diagnose, "scale_improves_likelihood", lambda *_: True)
     monkeypatch.setattr(diagnose, "rescaled", lambda records, factor: records)
-    monkeypatch.setattr(diagnose, "without_model_outliers", lambda *_: asked.append(1) or ((), []))
+    monkeypatch.setattr(diagnose, "without_model_outliers", lambda *_: calls.append(1) or ((), []))
     monkeypatch.setattr(diagnose, "diagnosis_of", lambda search, *_: search)
     machine = machine_by_seed(5)
     record, drive = linear_record(machine, 5, 2.0), drive_like(machine, list(FREE))
     assert diagnose.diagnose([record], drive, FREE, DiagnoseOptions()) is ended
-    assert bool(asked) == bool(rounds) and begun == [["wrong-scale"], []]
+    assert bool(calls) == bool(rounds) and fault_codes == [["wrong-scale"], []]
 
 
 def test_once_a_dead_time_is_known_only_what_had_a_chance_is_looked_for_again(monkeypatch):
@@ -107,17 +107,17 @@ def test_once_a_dead_time_is_known_only_what_had_a_chance_is_looked_for_again(mo
         Round(None, lines(quadratic_drag=("no-gain", -3.0), backlash=("no-gain", None))))
     after = searched_with(Round("dead-time", lines(dead_time=("named", 95.0), converter_lag=("worse", 60.0),
                                                    quadratic_drag=("no-gain", None))))
-    asked = []
+    calls = []
 
     def searched(own, records, *_):
-        asked.append((own.wanted, records))
+        calls.append((own.wanted, records))
         return after
 
     monkeypatch.setattr(diagnose, "search_records", searched)
     wanted = ("dead-time", "converter-lag", "backlash", "imbalance", "quadratic-drag", "outliers")
     own = diagnose.Request(1, (None, ()), (), wanted, DiagnoseOptions(), {}, ())
     found = diagnose.repeated_search(own, before, ("less",), None, ())
-    assert asked == [(("dead-time", "converter-lag", "quadratic-drag", "outliers"), ("less",))]
+    assert calls == [(("dead-time", "converter-lag", "quadratic-drag", "outliers"), ("less",))]
     (one,) = found.rounds
     assert {c.code: (c.state, c.gain) for c in one.candidates} == {
         "dead-time": ("named", 95.0), "converter-lag": ("worse", 60.0), "quadratic-drag": ("no-gain", None),

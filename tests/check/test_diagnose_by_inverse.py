@@ -59,8 +59,8 @@ NOTHING = Machine((0.05,), (0.02,), (0.0,))
 @pytest.mark.parametrize("held_out", [False, True], ids=["halves", "record"])
 def test_what_a_body_lacks_is_named_with_its_size_and_gain(machine, named, name, true, held_out):
     record = moved(machine, 11)
-    drive, free, begun = base_of(record, one_body().with_values(BODY), ("motor.coulomb",))
-    found = diagnose([record], drive, free, BY_TORQUE, [moved(machine, 21)] if held_out else (), begun)
+    drive, free, start_values = base_of(record, one_body().with_values(BODY), ("motor.coulomb",))
+    found = diagnose([record], drive, free, BY_TORQUE, [moved(machine, 21)] if held_out else (), start_values)
     assert found.verdict == "named" and found.causes == (named,) and found.between == ()
     line = next(p for p in found.estimate.parameters if p.name == name)
     assert line.ci95[0] < true < line.ci95[1] and line.std < 0.05 * true
@@ -79,8 +79,8 @@ def test_noise_of_a_closed_loop_is_no_cause(seed, reference):
     record = moved(NOTHING, seed)
     if not reference:
         record = replace(record, signals={n: v for n, v in record.signals.items() if n != "reference_speed"})
-    drive, free, begun = base_of(record, one_body().with_values(BODY), ("motor.coulomb",))
-    found = diagnose([record], drive, free, BY_TORQUE, (), begun)
+    drive, free, start_values = base_of(record, one_body().with_values(BODY), ("motor.coulomb",))
+    found = diagnose([record], drive, free, BY_TORQUE, (), start_values)
     assert found.verdict == "nothing-found" and found.causes == ()
 
 
@@ -100,12 +100,12 @@ def test_a_path_between_torque_and_body_or_a_base_without_fitted_parameters_is_r
 @pytest.mark.slow
 def test_a_record_too_short_for_a_test_is_refused_and_one_without_torque_has_no_fit_percent():
     record = moved(FRICTION, 11)
-    drive, free, begun = base_of(record, one_body().with_values(BODY), ("motor.coulomb",))
+    drive, free, start_values = base_of(record, one_body().with_values(BODY), ("motor.coulomb",))
     with pytest.raises(NotEnoughData, match="test blocks"):
-        diagnose([record], drive, free, BY_TORQUE, [moved(FRICTION, 21, seconds=0.5)], begun)
+        diagnose([record], drive, free, BY_TORQUE, [moved(FRICTION, 21, seconds=0.5)], start_values)
     other = moved(FRICTION, 21)
     silent = replace(other, signals={**other.signals, "motor_torque": 0.0 * other.signals["motor_torque"]})
-    found = diagnose([record], drive, free, BY_TORQUE, [silent], begun)
+    found = diagnose([record], drive, free, BY_TORQUE, [silent], start_values)
     assert np.isnan(found.gain.held_out_fit_before) and np.isfinite(found.gain.held_out_rmse_before)
 
 
@@ -117,8 +117,8 @@ def test_instruments_that_fail_on_the_held_out_record_make_no_cause(seed):
     still = np.full(other.size, 3.0)
     still[:5] = 3.1
     other = replace(other, signals={**other.signals, "reference_speed": still})
-    drive, free, begun = base_of(record, one_body().with_values(BODY), ("motor.coulomb",))
-    assert diagnose([record], drive, free, BY_TORQUE, [other], begun).causes == ()
+    drive, free, start_values = base_of(record, one_body().with_values(BODY), ("motor.coulomb",))
+    assert diagnose([record], drive, free, BY_TORQUE, [other], start_values).causes == ()
 
 
 def test_correlated_errors_count_as_fewer():
@@ -155,9 +155,9 @@ def test_every_cause_of_an_imposed_motion_begins_with_laws_of_bodies_and_shafts(
 @pytest.mark.slow
 def test_causes_that_the_torque_does_not_identify_say_so():
     record = moved(NOTHING, 11, seconds=3.0)
-    drive, free, begun = base_of(record, one_body().with_values(BODY), ("motor.coulomb",))
+    drive, free, start_values = base_of(record, one_body().with_values(BODY), ("motor.coulomb",))
     found = diagnose([record], drive, free, DiagnoseOptions(("converter-lag", "outliers"), criterion="inverse"), (),
-                     begun)
+                     start_values)
     assert {c.state for c in found.rounds[0].candidates} == {"not-shown"}
     assert all("simulation" in c.reason for c in found.rounds[0].candidates)
 
@@ -166,8 +166,8 @@ def test_causes_that_the_torque_does_not_identify_say_so():
 def test_the_figures_of_a_gain_are_those_of_the_equation_of_motion():
     """By scipy's filter and a mean over each interval, samples about reversals left out."""
     record, other = moved(FRICTION, 11), moved(FRICTION, 21)
-    drive, free, begun = base_of(record, one_body().with_values(BODY), ("motor.coulomb",))
-    found = diagnose([record], drive, free, BY_TORQUE, [other], begun)
+    drive, free, start_values = base_of(record, one_body().with_values(BODY), ("motor.coulomb",))
+    found = diagnose([record], drive, free, BY_TORQUE, [other], start_values)
     band = found.estimate.fit["band_hz"]
     speed, torque = (sosfiltfilt(butter(4, 2.0 * band * STEP, output="sos"), other.signals[role])
                      for role in ("motor_speed", "motor_torque"))
@@ -178,8 +178,8 @@ def test_the_figures_of_a_gain_are_those_of_the_equation_of_motion():
     for v, rmse, fit in ((drive.values, found.gain.held_out_rmse_before, found.gain.held_out_fit_before),
                          (found.estimate.drive.values, found.gain.held_out_rmse_after,
                           found.gain.held_out_fit_after)):
-        asked = v["motor.inertia"] * acceleration + v["motor.viscous"] * mean + v["motor.idle_torque"]
-        left = (torque - asked - v["motor.coulomb"] * np.sign(mean))[used]
-        error = np.sqrt(np.mean(left**2))
+        required = v["motor.inertia"] * acceleration + v["motor.viscous"] * mean + v["motor.idle_torque"]
+        residual = (torque - required - v["motor.coulomb"] * np.sign(mean))[used]
+        error = np.sqrt(np.mean(residual**2))
         assert rmse == pytest.approx(error, rel=0.05)
         assert fit == pytest.approx(100.0 * (1.0 - error / np.std(torque[used])), abs=1.0)

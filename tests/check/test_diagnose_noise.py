@@ -145,31 +145,31 @@ def test_an_absorbed_torque_noise_is_estimated_again_on_other_records(seed):
     assert with_likeliest_noise(deaf, all_samples(base.problem)).noise.ratio == pytest.approx(ratio, rel=0.25)
 
 
-def bases_of(task, begun_at):
+def bases_of(task, start_values):
     """(the base, the bases elsewhere) of a diagnosis of a task whose own fit began there."""
     return base_and_alternatives(task, Request(1, (task.drive, task.free), task.free, (), DiagnoseOptions(),
-                                               begun_at, ()))
+                                               start_values, ()))
 
 
 @pytest.mark.slow
 def test_a_diverged_base_starts_again_from_its_start_values():
     base, _ = one_sensor(20)
-    begun_at = {n: base.fitted.drive.value(n) for n in base.task.free}
-    astray = base.task.at({"motor.inertia": 40.0 * begun_at["motor.inertia"],
-                           "load.inertia": 30.0 * begun_at["load.inertia"],
-                           "shaft.stiffness": 1e-3 * begun_at["shaft.stiffness"]})
-    assert bases_of(astray, {})[0].value > base.value + 100.0
-    assert bases_of(astray, begun_at)[0].value == pytest.approx(base.value, abs=1.0)
+    start_values = {n: base.fitted.drive.value(n) for n in base.task.free}
+    diverged = base.task.at({"motor.inertia": 40.0 * start_values["motor.inertia"],
+                           "load.inertia": 30.0 * start_values["load.inertia"],
+                           "shaft.stiffness": 1e-3 * start_values["shaft.stiffness"]})
+    assert bases_of(diverged, {})[0].value > base.value + 100.0
+    assert bases_of(diverged, start_values)[0].value == pytest.approx(base.value, abs=1.0)
 
 
 @pytest.mark.parametrize(("factor", "bent"), [(1.3, False), (1.7, True)])
-def test_a_base_that_left_its_start_by_more_than_half_is_stood_on_there_too(factor, bent):
+def test_a_base_more_than_half_off_its_start_is_also_evaluated_there(factor, bent):
     """Under the noise that it has there: no start is wrong by so much, so it may make up for a law."""
     base, _ = one_sensor(20)
-    begun_at = {n: base.fitted.drive.value(n) for n in base.task.free}
-    begun_at["shaft.stiffness"] *= factor
-    root, elsewhere = bases_of(base.fitted, begun_at)
+    start_values = {n: base.fitted.drive.value(n) for n in base.task.free}
+    start_values["shaft.stiffness"] *= factor
+    root, elsewhere = bases_of(base.fitted, start_values)
     assert root.value == pytest.approx(base.value, abs=1.0)
     assert [dict(zip(m.task.free, m.point.values, strict=True)) for m in elsewhere] == [
-        pytest.approx(begun_at)] * bent
+        pytest.approx(start_values)] * bent
     assert all(m.value > root.value + 100.0 and m.noise != root.noise for m in elsewhere)

@@ -69,13 +69,13 @@ class Search:
     """A search that tests again: the loss without a cause, and the gain of each with the others.
 
     worth  cause -> -log likelihood that is lost without its parameters, 500 if it is not said
-    gains  cause -> per block, where it is asked again
+    gains  cause -> per block, where it is tested again
     """
 
     def __init__(self, path, gains=None, worth=None, wanted=CAUSES):
         self.root = path.steps[0].node
         self.masks, self.split, self.options, self.wanted = (), None, DiagnoseOptions(), frozenset(wanted)
-        self.gains, self.worth, self.asked = gains or {}, worth or {}, []
+        self.gains, self.worth, self.tested = gains or {}, worth or {}, []
 
     def base(self, _):
         return SimpleNamespace(model=self.root.model, folds=(Fold((), (), (), None, 0.0),) * 2)
@@ -87,8 +87,8 @@ class Search:
         return replace(model, task=task, value=model.value + lost)
 
     def expand(self, rest, budget, among, ends):
-        self.asked.append([c.code for c in among])
-        assert [m.code for m in ends] == [ends[0].code] and ends[0].code in self.asked[-1]
+        self.tested.append([c.code for c in among])
+        assert [m.code for m in ends] == [ends[0].code] and ends[0].code in self.tested[-1]
         models = {c.code: model_of(c.code, rest.model.value - 500.0, {**rest.added, c.code: (f"{c.code}.size",)})
                   for c in among}
         scores = [Score(m, np.array(self.gains[c]), (sum(self.gains[c]) - 5.0,) * 2, (0.0, 0.0), (m, m),
@@ -107,7 +107,7 @@ class Search:
 @pytest.fixture
 def run_pass(monkeypatch):
     """Runs the exchange pass; left: residual gain of the last model, after: free-run error without the cause."""
-    def asked(path, gains=None, worth=None, wanted=CAUSES, left=0.0, after=1.0):
+    def run(path, gains=None, worth=None, wanted=CAUSES, left=0.0, after=1.0):
         search = Search(path, gains, worth, wanted)
         monkeypatch.setattr(exchange_pass, "refit_without", search.lost)
         monkeypatch.setattr(exchange_pass, "run_residual_tests", lambda _: SimpleNamespace(total=left))
@@ -115,7 +115,7 @@ def run_pass(monkeypatch):
         monkeypatch.setattr(exchange_pass, "gain_between", lambda *_: gain_to(after))
         return run_exchange_pass(search, path.steps), search
 
-    return asked
+    return run
 
 
 def friction_first(gains=SCATTERED):
@@ -129,7 +129,7 @@ def friction_first(gains=SCATTERED):
     ([78.0, 66.0, 75.0, 76.0], ["possible", "possible"], ("coulomb-motor",))])
 def test_a_tie_is_tested_again_with_the_causes_found_later(run_pass, rival, states, rivals):
     found, search = run_pass(friction_first(), {"coulomb-load": [75.0, 70.0, 80.0, 72.0], "coulomb-motor": rival})
-    assert search.asked == [["coulomb-motor", "coulomb-load"]]
+    assert search.tested == [["coulomb-motor", "coulomb-load"]]
     assert found.found.rivals["coulomb-load"] == rivals and "coulomb-load" in found.found.sure
     assert [c.state for c in found.rounds[0].candidates] == states
     assert found.found.causes == ("coulomb-load", "backlash") and found.node.model.code == "backlash"
@@ -142,7 +142,7 @@ def test_a_rival_stays_where_the_refit_fails(monkeypatch, run_pass):
     monkeypatch.setattr(Search, "lost", lost)
     found, search = run_pass(friction_first())
     assert found.found.rivals["coulomb-load"] == ("coulomb-motor",) and "coulomb-load" not in found.found.sure
-    assert [c.state for c in found.rounds[0].candidates] == ["possible", "possible"] and search.asked == []
+    assert [c.state for c in found.rounds[0].candidates] == ["possible", "possible"] and search.tested == []
 
 
 def test_nor_where_nothing_is_found_any_more(run_pass):
@@ -153,7 +153,7 @@ def test_nor_where_nothing_is_found_any_more(run_pass):
 def test_a_cause_that_blocks_hardly_identify_is_identified_with_the_others(run_pass):
     path = Path().then("coulomb-load", ["load.coulomb"], gains=SCATTERED).then("backlash", ["shaft.half_gap"])
     found, search = run_pass(path, {"coulomb-load": [75.0, 70.0, 80.0, 72.0]})
-    assert search.asked == [["coulomb-load"]] and found.found.sure == {"coulomb-load", "backlash"}
+    assert search.tested == [["coulomb-load"]] and found.found.sure == {"coulomb-load", "backlash"}
 
 
 @pytest.mark.parametrize("left", [0.0, 30.0])
@@ -161,7 +161,7 @@ def test_a_cause_without_rival_that_blocks_confirm_is_not_tested_again(run_pass,
     path = friction_first(AGREED)
     path.steps[0] = replace(path.steps[0], decision=replace(path.steps[0].decision, between=("coulomb-load",)))
     path.steps[0] = replace(path.steps[0], lines=path.steps[0].lines[:1])
-    assert run_pass(path, left=left)[1].asked == []
+    assert run_pass(path, left=left)[1].tested == []
 
 
 def hardening_first(gap=396.0):
@@ -175,7 +175,7 @@ def hardening_first(gap=396.0):
 def test_a_look_alike_that_is_better_with_the_others_takes_its_place(run_pass):
     found, search = run_pass(hardening_first(), {"hardening-stiffness": [140.0, 150.0, 130.0, 145.0],
                                             "backlash": [310.0, 300.0, 320.0, 330.0]}, left=30.0)
-    assert search.asked == [["backlash", "hardening-stiffness"]]
+    assert search.tested == [["backlash", "hardening-stiffness"]]
     assert found.found.causes == found.node.causes == ("backlash", "coulomb-load") and found.found.between == ()
     assert found.found.evidence["backlash"] > 100.0 and "hardening-stiffness" not in found.found.evidence
     assert found.found.added == found.node.added == {
@@ -189,7 +189,7 @@ def test_a_look_alike_that_is_better_with_the_others_takes_its_place(run_pass):
 @pytest.mark.parametrize(("gap", "left", "worth", "wanted"), [
     (396.0, 30.0, 135.0, CAUSES), (90.0, 30.0, 310.0, CAUSES), (396.0, 0.0, 310.0, CAUSES),
     (396.0, 30.0, 310.0, {"hardening-stiffness"})],
-    ids=["no better", "far behind at first", "nothing left to explain", "not asked for"])
+    ids=["no better", "far behind at first", "nothing left to explain", "not requested"])
 def test_a_cause_stays_where_nothing_does_better(run_pass, gap, left, worth, wanted):
     gains = {"hardening-stiffness": [140.0, 150.0, 130.0, 145.0], "backlash": [worth] * 4}
     found, _ = run_pass(hardening_first(gap), gains, wanted=wanted, left=left)
@@ -202,7 +202,7 @@ def test_a_cause_stays_where_nothing_does_better(run_pass, gap, left, worth, wan
     (12.0, 1.0, False),  # chance gains as much by one of so many parameters
     (17.0, 1.0, True),
     (1.0, 1.3, True)])  # free runs become worse
-def test_a_cause_that_later_ones_have_made_needless_goes(run_pass, lost, after, kept):
+def test_a_cause_made_redundant_by_later_ones_is_removed(run_pass, lost, after, kept):
     path = Path().then("torque-ripple", ["motor.ripple_sine"]).then("imbalance", ["load.imbalance_sine"])
     found, _ = run_pass(path, worth={"motor.ripple_sine": lost}, after=after)
     assert found.found.causes == (("torque-ripple",) if kept else ()) + ("imbalance",)
@@ -214,7 +214,7 @@ def test_a_cause_that_later_ones_have_made_needless_goes(run_pass, lost, after, 
 
 @pytest.mark.parametrize(("surplus", "wanted", "name"), [
     (3.0, CAUSES, "coulomb-motor"), (5.0, CAUSES, "stribeck-motor"),
-    (3.0, {"stribeck-motor", "load-step"}, "stribeck-motor")], ids=["needless", "needed", "not asked for"])
+    (3.0, {"stribeck-motor", "load-step"}, "stribeck-motor")], ids=["needless", "needed", "not requested"])
 def test_a_law_whose_surplus_is_needless_is_called_by_its_special_case(run_pass, surplus, wanted, name):
     """In all that is said; dry friction is there beside the load step then, and rivals it no more."""
     lines = tuple(CandidateResult(c, "", s) for c, s in (("stribeck-motor", "named"), ("coulomb-motor", "worse")))
@@ -264,7 +264,7 @@ def test_a_delay_found_with_a_third_mass_was_not_its_rival(run_pass):
     gains = {"third-mass": [75.0, 70.0, 80.0, 72.0], "converter-lag": [75.0, 70.0, 80.0, 72.0],
              "speed-filter": [8.0, 3.0, 5.0, 4.0], "dead-time": [8.0, 3.0, 5.0, 4.0]}
     found, search = run_pass(path, gains)
-    assert [set(codes) for codes in search.asked] == [{"third-mass", *DELAYS[1:]}, set(DELAYS)]
+    assert [set(codes) for codes in search.tested] == [{"third-mass", *DELAYS[1:]}, set(DELAYS)]
     assert found.found.rivals["third-mass"] == found.found.rivals["asymmetric-friction"] == ()
 
 
@@ -288,4 +288,4 @@ def test_causes_found_with_a_dropped_cause_are_tested_again(run_pass):
     gains = {"imbalance": [75.0, 70.0, 80.0, 72.0], "load-step": [8.0, 3.0, 5.0, 4.0]}
     found, search = run_pass(path, gains, worth={"motor.ripple_sine": 1.0})
     assert found.found.causes == ("imbalance",)
-    assert search.asked == [["imbalance", "load-step"]] and found.found.rivals["imbalance"] == ()
+    assert search.tested == [["imbalance", "load-step"]] and found.found.rivals["imbalance"] == ()

@@ -14,7 +14,7 @@ from tests.recover import reversing_record
 from tests.simulator.machine import machine_by_seed
 
 GEAR = 100.0
-# Power of the gear by which a value behind it differs from what the motor feels of it.
+# Power of the gear by which a value behind it differs from that referred to the motor.
 POWER = {"coulomb": 1, "stribeck": 1, "stribeck_speed": -1, "stribeck_power": 0, "viscous_asymmetry": 2, "drag": 3,
          "half_gap": -1, "hardening_twist": -1, "hardening_power": 0, "hardening": 0, "load_damping": -1}
 CODES = ("backlash", "coulomb-load", "stribeck-load", "asymmetric-friction", "quadratic-drag",
@@ -46,7 +46,7 @@ def test_a_cause_begins_alike_on_both_sides_of_a_gear(bases, code):
     masks, stands = all_samples(bases[0].problem), [reference_model(base) for base in bases]
     for one, other in zip(plain, geared, strict=True):
         assert one.task.free == other.task.free
-        begun, there = (prepare_start(stand, CAUSES[code], start, masks)
+        plain_start, geared_start = (prepare_start(stand, CAUSES[code], start, masks)
                         for stand, start in zip(stands, (one, other), strict=True))
         for j, name in enumerate(one.task.free):
             owner, _, what = name.rpartition(".")
@@ -54,12 +54,13 @@ def test_a_cause_begins_alike_on_both_sides_of_a_gear(bases, code):
                 continue
             scale = 1.0 if owner == "motor" else GEAR ** POWER[what]
             if name not in one.amplitudes:
-                mine, theirs = (at.model.point.values[j] for at in (begun, there))
-                assert theirs == pytest.approx(scale * mine, rel=1e-6), name
+                plain_value, geared_value = (at.model.point.values[j] for at in (plain_start, geared_start))
+                assert geared_value == pytest.approx(scale * plain_value, rel=1e-6), name
             allowed = one.task.drive.quantity(name).bounds  # of a unit, not of a drive
             for end in ("low", "high"):
-                mine, theirs = (getattr(at.model.problem, end)[j] for at in (begun, there))
-                if mine not in allowed:
-                    assert theirs == pytest.approx(scale * mine, rel=1e-6), name
-        if np.isfinite(begun.expected_gain):
-            assert there.expected_gain == pytest.approx(begun.expected_gain, rel=1e-3, abs=1e-3)
+                plain_value, geared_value = (getattr(at.model.problem, end)[j]
+                                             for at in (plain_start, geared_start))
+                if plain_value not in allowed:
+                    assert geared_value == pytest.approx(scale * plain_value, rel=1e-6), name
+        if np.isfinite(plain_start.expected_gain):
+            assert geared_start.expected_gain == pytest.approx(plain_start.expected_gain, rel=1e-3, abs=1e-3)

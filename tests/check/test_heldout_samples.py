@@ -54,11 +54,11 @@ def test_test_samples_are_not_training_samples(held_out):
     for fold in split.folds:
         for t, train, test, again in zip(split.traces, *fold, strict=True):
             assert not np.any(train & test) and np.all(train | test)
-            told = train & again
+            transient = train & again
             # The initial transient: two periods of the slowest mode, at most half a block.
             slowest, (_, a, b) = min(mode.frequency_hz for mode in resonances(drive)), blocks_of(split.traces)[0]
-            assert told.sum() == pytest.approx(min(2.0 / slowest / t.step, 0.5 * (b - a)), abs=1)
-            assert told[:told.sum()].all() and np.all(again == (test | told))
+            assert transient.sum() == pytest.approx(min(2.0 / slowest / t.step, 0.5 * (b - a)), abs=1)
+            assert transient[:transient.sum()].all() and np.all(again == (test | transient))
     if held_out:
         assert [bool(mask.any()) for mask in split.held] == [False, True] and split.held[1].all()
         assert split.heads == (int((split.folds[0].train[1]).sum()),)

@@ -61,9 +61,9 @@ def test_halves_of_records_hold_none_out(absorbed):
 @pytest.mark.parametrize("factor, share", [(1e9, 1.0), (1.0, 0.5), (1.0 / 3.0, 0.25), (0.0, 0.0)])
 def test_what_the_fit_left_open_counts_as_much_as_its_covariance(factor, share):
     """Two estimates of one value: half their squared difference over the sum of both variances."""
-    told = np.diag([4.0, 0.25])
-    assert share_beyond(np.array([0.3, -2.0]), told, factor * told) == pytest.approx(share, abs=1e-8)
-    assert share_beyond(np.zeros(2), told, np.eye(2)) == 0.0
+    covariance = np.diag([4.0, 0.25])
+    assert share_beyond(np.array([0.3, -2.0]), covariance, factor * covariance) == pytest.approx(share, abs=1e-8)
+    assert share_beyond(np.zeros(2), covariance, np.eye(2)) == 0.0
 
 
 @pytest.mark.parametrize("correlation", [0.0, 1.0 - 1e-10, 1.0])

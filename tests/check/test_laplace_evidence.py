@@ -74,6 +74,6 @@ def test_a_block_that_the_parameters_can_follow_is_not_given_up():
     passes = filtered(model.problem, model.point, model.noise, keep=False)
     plain = total_loss(sample_losses(passes, sensor_variance(passes, train)), test)
     whole = filtered(base.problem, base.point, base.noise, keep=False)
-    told = total_loss(sample_losses(whole, sensor_variance(whole, all_samples(base.problem))), test)
-    assert plain > told + 1000.0
-    assert loss_with_uncertainty(model, train, test, plain) < told + 30.0
+    informed = total_loss(sample_losses(whole, sensor_variance(whole, all_samples(base.problem))), test)
+    assert plain > informed + 1000.0
+    assert loss_with_uncertainty(model, train, test, plain) < informed + 30.0

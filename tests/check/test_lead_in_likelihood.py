@@ -100,17 +100,17 @@ def test_a_law_is_no_discovery_where_its_special_case_is_as_likely():
 
 def test_a_special_case_in_a_worse_optimum_restarts_from_the_end_of_the_law(monkeypatch):
     """Dry friction of 29 % of the rated torque, given up after a few steps, was named breakaway friction."""
-    begun = []
+    calls = []
 
     def refitted(simple, general, *_):
-        begun.append((simple.cause.code, general.cause.code))
+        calls.append((simple.cause.code, general.cause.code))
         return simple if simple.cause.code == "coulomb-motor" else replace(simple, reason="again")
 
     monkeypatch.setattr(searching, "as_special_case", refitted)
     tried = {c: CandidateFit(CAUSES[c], None, {}) for c in (
         "coulomb-motor", "coulomb-load", "stribeck-motor", "stribeck-load", "imbalance")}
     ForwardSelection._special_cases(SimpleNamespace(masks=()), SimpleNamespace(model=None), tried)
-    assert begun == [("coulomb-motor", "stribeck-motor"), ("coulomb-load", "stribeck-load")]
+    assert calls == [("coulomb-motor", "stribeck-motor"), ("coulomb-load", "stribeck-load")]
     assert {c for c, t in tried.items() if t.reason} == {"coulomb-load"}  # what is no better stays as it was
 
 
@@ -211,20 +211,20 @@ def test_a_small_cause_that_gains_in_one_place_only_is_not_named(run_decision, b
     assert (found.best is only) == named and ("first" in objected) != named
 
 
-@pytest.mark.parametrize(("shown", "after", "best"), [
+@pytest.mark.parametrize(("share", "after", "best"), [
     (0.6, 0.5, "second"), (0.4, 0.5, "first"), (0.0, 0.95, "first")])
-def test_what_the_steps_of_a_logger_would_show_as_well_is_not_named(monkeypatch, run_decision, shown, after, best):
+def test_what_quantisation_explains_as_well_is_not_named(monkeypatch, run_decision, share, after, best):
     """The first gains this share on records made up without it; a ripple hardly shows in free runs of an angle."""
     scores = [score(300.0, 2.0 * AGREES, code="first"), score(290.0, code="second", ratio=30.0)]
     monkeypatch.setattr(heldout_test, "gain_from_quantisation", lambda _, cause,
-                        __: shown * 300.0 if cause.code == "first" else 0.0)
+                        __: share * 300.0 if cause.code == "first" else 0.0)
     gains = {"first": gain_to(after, 0.1), "second": gain_to(0.5, 0.1)}
     found, objected = run_decision(Decision(scores[0], ("first", "second"), 100.0), scores, gains)
     assert found.best.model.code == best and set(objected) == ({"first"} if best == "second" else set())
     assert found.between == (("second",) if best == "second" else ("first", "second"))
 
 
-def test_a_cause_behind_a_base_of_another_noise_is_not_laid_to_the_steps_of_a_logger(run_decision):
+def test_a_cause_behind_a_base_of_another_noise_is_not_attributed_to_quantisation(run_decision):
     """Records made up show nothing; the base leads on the samples that both were fitted to."""
     only = score(-3.0, 2.0 * AGREES, code="first", ratio=30.0)
     found, objected = run_decision(Decision(only, ("first",), 100.0), [only], {"first": gain_to(0.5)})
@@ -254,10 +254,10 @@ def test_of_two_as_good_the_requested_one_is_taken(run_decision):
     ({"dead-time", "converter-lag"}, {"dead-time"})])
 def test_what_looks_like_a_cause_is_tried_unless_the_record_rules_it_out(monkeypatch, possible, expected):
     """An angle logged with the speed shows that the speed is not filtered."""
-    asked = []
+    tried_codes = []
 
     def tried(_, among, *__):
-        asked.append({c.code for c in among})
+        tried_codes.append({c.code for c in among})
         return [CandidateFit(c, None, {}) for c in among]
 
     def judged(_, tried):
@@ -269,7 +269,7 @@ def test_what_looks_like_a_cause_is_tried_unless_the_record_rules_it_out(monkeyp
     search = SimpleNamespace(possible=possible, wanted={"converter-lag"}, causes=[CAUSES["converter-lag"]],
                              split=None, base=lambda _: None, _fit_candidates=tried, _cross_validated=judged)
     found = ForwardSelection.expand(search, SimpleNamespace(causes=(), model=None, gained=0.0), 0.01)
-    assert asked == [{"converter-lag"}, expected] and len(found.scores) == 1 + len(expected)
+    assert tried_codes == [{"converter-lag"}, expected] and len(found.scores) == 1 + len(expected)
 
 
 def test_what_the_whole_record_was_searched_for_has_its_price_once():

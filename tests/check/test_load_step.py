@@ -67,8 +67,8 @@ def test_found_in_the_second_of_two_records(tmp_path):
     for name, value in (("step_torque", truth["load.load_step"]), ("step_time", truth["load.load_step_time"])):
         low, high = answer.parameters[f"load.{name}"]["ci95"]
         assert low <= value <= high
-    told = [c["reason"] for c in answer.candidates if c["state"] == "named"]
-    assert told == ["The event is in record2.parquet only."]
+    reasons = [c["reason"] for c in answer.candidates if c["state"] == "named"]
+    assert reasons == ["The event is in record2.parquet only."]
     # Each record by itself: the file knows which is which, and a fresh one has no load that sets in.
     for log in (*logs, quiet_record(tmp_path)):
         done = run(tmp_path, ["validate", log.name, "--params", "extended.yaml", "--json"])

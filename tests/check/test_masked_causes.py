@@ -48,7 +48,7 @@ def step(node, code, value):
     return Expansion(node, (), (), Decision(None, (code,), 0.0), (), child)
 
 
-def found_together(monkeypatch, ends, foretells=1.0, drive=None, first="coulomb-load", wanted=CAUSES, fails=False):
+def found_together(monkeypatch, ends, block_lead=1.0, drive=None, first="coulomb-load", wanted=CAUSES, fails=False):
     """What is found where a gap is put first; ends: value of the gap, and then of each cause beside it."""
     root = Node((), model_of(0.0, drive), ("folds",))
     path = [step(root, first, -100.0)]
@@ -65,25 +65,25 @@ def found_together(monkeypatch, ends, foretells=1.0, drive=None, first="coulomb-
 
     monkeypatch.setattr(masked_causes, "_forced_expansion", lambda search, code,
                         _: gap if code == "backlash" else None)
-    monkeypatch.setattr(masked_causes, "lead_in_blocks", lambda *_: [foretells, foretells])
+    monkeypatch.setattr(masked_causes, "lead_in_blocks", lambda *_: [block_lead, block_lead])
     search = SimpleNamespace(root=root, causes=list(CAUSES.values()), wanted=frozenset(wanted), path=on,
                              base=lambda _: SimpleNamespace(folds=("folds",)))
     return find_masked_causes(search, path)
 
 
-@pytest.mark.parametrize(("ends", "foretells", "causes"), [
+@pytest.mark.parametrize(("ends", "block_lead", "causes"), [
     ((-20.0, -130.0), 1.0, ["backlash", "coulomb-load", None]),
     ((-20.0, -115.0), 1.0, None),  # no likelier by what counts as a lead
     ((-20.0, -130.0), -1.0, None),  # samples held out speak against both
     ((-130.0,), 1.0, None)],  # a gap alone was looked for before
-                         ids=["both", "no likelier", "foretold worse", "alone"])
-def test_what_is_likelier_together_and_predicts_better_is_taken(monkeypatch, ends, foretells, causes):
-    found = found_together(monkeypatch, ends, foretells)
+                         ids=["both", "no likelier", "predicts worse", "alone"])
+def test_what_is_likelier_together_and_predicts_better_is_taken(monkeypatch, ends, block_lead, causes):
+    found = found_together(monkeypatch, ends, block_lead)
     assert (found and [e.child and e.child.causes[-1] for e in found[0]]) == causes
 
 
 @pytest.mark.parametrize("options", [
     {"drive": three_mass()}, {"first": "backlash"}, {"wanted": {"coulomb-load", "imbalance"}}, {"fails": True}],
-                         ids=["three bodies", "found already", "not asked for", "its fit fails"])
+                         ids=["three bodies", "found already", "not requested", "its fit fails"])
 def test_where_a_gap_is_not_put_first(monkeypatch, options):
     assert found_together(monkeypatch, (-20.0, -130.0), **options) is None

@@ -29,11 +29,11 @@ def base_of(order=6.0, amplitude=0.4, hertz=0.0, size=12_000, up=10.0, motion="r
     speed, angle = np.empty(size), np.empty(size)
     v, x = 5.0, 0.0
     torque = np.where(np.arange(size) < size // 2, up, 0.0)
-    kicks = rng.normal(0.0, 0.02, size)
+    torque_noise = rng.normal(0.0, 0.02, size)
     for k in range(size):
         speed[k], angle[k] = v, x
         wave = amplitude * np.sin(2.0 * np.pi * hertz * k * STEP if hertz else order * x + 0.7)
-        rate = (torque[k] + kicks[k] + wave - 0.02 * v) / INERTIA
+        rate = (torque[k] + torque_noise[k] + wave - 0.02 * v) / INERTIA
         v, x = v + rate * STEP, x + v * STEP + 0.5 * rate * STEP**2
     measured = turn * (speed + rng.normal(0.0, NOISE, size))
     units = {"motion_unit": motion, "torque_unit": "N" if motion == "m" else "Nm"}

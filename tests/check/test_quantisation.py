@@ -32,8 +32,8 @@ def test_steps_are_found_of_a_motion_in_which_no_two_values_are_neighbours(least
     assert resolution(0.00346 * (way + 0.3 * rng.standard_normal(SIZE))) is None
 
 
-@pytest.mark.parametrize(("steps", "told"), [(12.0, True), (400.0, False)])
-def test_encoder_steps_that_are_white_are_reported_as_noise(steps, told):
+@pytest.mark.parametrize(("steps", "reported"), [(12.0, True), (400.0, False)])
+def test_encoder_steps_that_are_white_are_reported_as_noise(steps, reported):
     """So many steps of 1 mrad in a sample, beside a noise of a third of one; or of a third of 30 of them."""
     rng = np.random.default_rng(6)
     way, noise = np.arange(SIZE) + 100.0 * np.sin(TIME), rng.standard_normal(SIZE) / 36.0
@@ -42,8 +42,8 @@ def test_encoder_steps_that_are_white_are_reported_as_noise(steps, told):
                         ((0, SIZE),), torque_is="command")
     assert not record_faults_of([record], ("quantisation",))[1]
     notes = encoder_step_findings([record])
-    assert [n.code for n in notes] == ["encoder-quantisation"] * told
-    if told:
+    assert [n.code for n in notes] == ["encoder-quantisation"] * reported
+    if reported:
         share = (1.0 / 12.0) / (1.0 / 12.0 + (steps / 36.0) ** 2)
         assert notes[0].evidence["resolution"] == pytest.approx(0.001, rel=1e-9)
         assert notes[0].evidence["share_of_noise"] == pytest.approx(share, rel=0.1)

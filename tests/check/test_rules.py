@@ -143,9 +143,9 @@ def test_facts_are_those_that_the_table_and_the_pages_name():
 # From a search to its facts
 
 
-def search_with(code, gain=300.0, left=0.0, time=0.0, sure=True, free=(), told=()):
-    """A search that found one cause in one round, and its residuals; told: causes that blocks confirm later."""
-    found = SelectedCauses((code,), {}, {code: 50.0}, {code: ("x",)}, gain, frozenset(told))
+def search_with(code, gain=300.0, left=0.0, time=0.0, sure=True, free=(), later_confirmed=()):
+    """A search that found one cause in one round, and its residuals; later_confirmed: by blocks."""
+    found = SelectedCauses((code,), {}, {code: 50.0}, {code: ("x",)}, gain, frozenset(later_confirmed))
     line = CandidateResult(code, "", "named", gain, 0.2 * gain, 50.0, sure=sure)
     return SimpleNamespace(
         unasked="", faults=[SimpleNamespace(code="outliers", shaft=False)] * 2, found=found,
@@ -179,12 +179,12 @@ def test_the_error_by_noise_is_computed_where_it_may_hide_a_law(gathered):
     assert (gathered(loads).load_changes, gathered(loads).by_speed) == (2, 0.4)
 
 
-@pytest.mark.parametrize(("code", "worth", "sure", "told", "hardly"), [
+@pytest.mark.parametrize(("code", "worth", "sure", "later_confirmed", "hardly"), [
     ("torque-ripple", 17.9, False, (), True), ("torque-ripple", 17.9, True, (), False),
     ("torque-ripple", 90.0, False, (), True), ("load-step", 51.0, False, (), False),
     ("load-step", 49.0, False, (), True), ("load-step", 35.8, True, (), False),
     ("coulomb-load", 46.9, False, ("coulomb-load",), False)])
-def test_a_cause_of_which_blocks_hardly_agree_except_a_plain_event(gathered, code, worth, sure, told, hardly):
+def test_a_cause_that_blocks_hardly_confirm_unless_an_event(gathered, code, worth, sure, later_confirmed, hardly):
     """Breakaway friction, left out of the catalogue, was named a load step of 35.8 +- 24.3 at a reversal."""
-    found = gathered(search_with(code, gain=worth, sure=sure, told=told))
+    found = gathered(search_with(code, gain=worth, sure=sure, later_confirmed=later_confirmed))
     assert found.hardly == ((code,) if hardly else ())

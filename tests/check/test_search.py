@@ -59,11 +59,11 @@ class Tries:
         self.goals[code] = goal
         return CandidateFit(screened.cause, model_of(code, base.value - self.causes[code][1]), screened.smallest)
 
-    def tried(self, node=ROOT, asked=False):
+    def tried(self, node=ROOT, requested=False):
         """The causes on top of a node, by code."""
         search = ForwardSelection.__new__(ForwardSelection)
         search.masks, search.alternative_bases = (), ()
-        found = search._fit_candidates(node, [CAUSES[c] for c in self.causes], asked, ())
+        found = search._fit_candidates(node, [CAUSES[c] for c in self.causes], requested, ())
         return {t.cause.code: t for t in found}
 
 
@@ -86,7 +86,7 @@ def test_the_largest_expected_gain_comes_first_and_others_while_they_can_tie_wit
 def test_a_small_expected_gain_is_not_fitted_unless_it_is_requested(monkeypatch, code, promise, fitted):
     tries = Tries(monkeypatch, {code: (promise, 3.0)})
     assert (tries.tried()[code].model is not None) == fitted
-    assert tries.tried(asked=True)[code].model is not None
+    assert tries.tried(requested=True)[code].model is not None
 
 
 @pytest.mark.parametrize(("promises", "fitted"), [
@@ -119,15 +119,15 @@ def test_what_costs_much_is_looked_for_where_nothing_else_explains_the_records(m
     found = Tries(monkeypatch, {"third-mass": (50.0, 60.0)}, left).tried(replace(ROOT, causes=("backlash",)))
     assert ("third-mass" in found) == (left > 0.0)
     assert "third-mass" in Tries(monkeypatch, {"third-mass": (50.0, 60.0)}, left).tried(
-        replace(ROOT, causes=("backlash",)), asked=True)
+        replace(ROOT, causes=("backlash",)), requested=True)
 
 
 def cross_validated(monkeypatch, gains, worth):
     """Codes that are tested on held-out samples; gains: on training samples, worth: on held-out samples."""
-    asked = []
+    tested = []
 
     def score(model, *_):
-        asked.append(model.code)
+        tested.append(model.code)
         return Score(model, np.full(4, worth[model.code] / 4.0), (), (), (model,))
 
     monkeypatch.setattr(searching, "reestimate_noise", lambda model, _: model)
@@ -137,7 +137,7 @@ def cross_validated(monkeypatch, gains, worth):
         model=ROOT.model, folds=()))}
     tried = [CandidateFit(CAUSES[c], model_of(c, -g), {}) for c, g in gains.items()]
     tried.append(CandidateFit(CAUSES["imbalance"], model_of("imbalance", -9e3), {}, "none", "no-gain"))
-    return asked, search._cross_validated(ROOT, tried)
+    return tested, search._cross_validated(ROOT, tried)
 
 
 @pytest.mark.parametrize(("second", "worth", "expected"), [
@@ -146,9 +146,9 @@ def cross_validated(monkeypatch, gains, worth):
     (40.0, {"coulomb-motor": -90.0, "quadratic-drag": 30.0}, {"coulomb-motor", "quadratic-drag"})],
     ids=["it may tie", "it cannot tie", "held out samples speak against the best"])
 def test_held_out_samples_test_the_best_and_what_may_tie(monkeypatch, second, worth, expected):
-    asked, scores = cross_validated(
+    tested, scores = cross_validated(
         monkeypatch, {"coulomb-motor": 100.0, "quadratic-drag": second, "load-step": 1.0}, worth)
-    assert set(asked) == expected == {s.model.code for s in scores}
+    assert set(tested) == expected == {s.model.code for s in scores}
 
 
 def test_a_law_takes_the_place_of_its_special_case_that_was_found_before(monkeypatch):
@@ -216,18 +216,18 @@ class Steps(ForwardSelection):
         return Expansion(node, (), (), Decision(None, (), 0.0), (), child, child and "gain")
 
 
-@pytest.mark.parametrize(("found", "options", "causes", "unasked"), [
+@pytest.mark.parametrize(("found", "options", "causes", "not_requested"), [
     (["backlash", "imbalance", None], {}, ["backlash", "imbalance", None], ""),
     ([None], {}, [None], ""),
     # One more than is looked for is not taken.
     (["backlash", "imbalance", "load-step"], {"rounds": 2}, ["backlash", "imbalance", None], ""),
     # Nor is what was not to be looked for, whose special case, say, was.
     (["backlash", "imbalance", None], {"wanted": {"backlash"}}, ["backlash", None], "imbalance")])
-def test_node_after_node_until_nothing_more_is_found(monkeypatch, found, options, causes, unasked):
+def test_node_after_node_until_nothing_more_is_found(monkeypatch, found, options, causes, not_requested):
     monkeypatch.setattr(searching, "exact_to_rounding", lambda _: False)
     search = Steps(found, **options)
     path, said = search.path()
-    assert [e.round.cause for e in path] == causes and said == unasked
+    assert [e.round.cause for e in path] == causes and said == not_requested
     assert [e.stage for e in path] == ["gain" if c else None for c in causes]
     assert search.budgets == [0.01 * 0.5 ** (k + 1) for k in range(len(path))]
 
@@ -257,10 +257,10 @@ def test_the_search_restarts_from_a_base_that_ends_likelier_elsewhere(monkeypatc
     (-3.9, False, False), (-4.1, False, True), (9.0, False, False), (-90.0, True, False)])
 def test_a_cause_leads_a_base_out_of_its_local_optimum_where_that_is_likelier(monkeypatch, value, runs, better):
     """And free runs are no worse: noise may have taken the place of friction there."""
-    asked = []
+    removed = []
 
     def without(model, names, *_):
-        asked.append(tuple(names))
+        removed.append(tuple(names))
         return replace(ROOT.model, code="backlash", value=value)
 
     monkeypatch.setattr(searching, "refit_without", without)
@@ -271,7 +271,7 @@ def test_a_cause_leads_a_base_out_of_its_local_optimum_where_that_is_likelier(mo
     search.root, search.masks = ROOT, ()
     child = replace(ROOT, causes=("backlash",), model=model_of("backlash", -90.0, (*ROOT.model.task.free, "gap")))
     found = search._improved_base(ROOT, Expansion(ROOT, (), (), Decision(None, (), 0.0), (), child))
-    assert asked == [("gap",)] and (found is not None) == better
+    assert removed == [("gap",)] and (found is not None) == better
     assert not better or (found.model.value, found.model.code, found.trained) == (value, "base", ("again",))
     assert search._improved_base(ROOT, Expansion(ROOT, (), (), Decision(None, (), 0.0), ())) is None
 
@@ -317,14 +317,14 @@ FRICTION = ("coulomb-motor", "stribeck-motor", "quadratic-drag", "asymmetric-fri
 def test_two_laws_of_one_body_are_found_one_after_the_other(codes, seed, size):
     machine = replace(BODY, coulomb=(0.08,), effects=Effects(quadratic=(4e-4,)))
     search = one_body_search(machine, codes, seed, size)
-    path, unasked = search.path()
-    asked = run_exchange_pass(search, path)
-    assert unasked == "" and sorted(asked.found.causes) == ["coulomb-motor", "quadratic-drag"]
-    assert asked.found.between == ()
-    values = asked.node.model.fitted.drive.values
+    path, not_requested = search.path()
+    passed = run_exchange_pass(search, path)
+    assert not_requested == "" and sorted(passed.found.causes) == ["coulomb-motor", "quadratic-drag"]
+    assert passed.found.between == ()
+    values = passed.node.model.fitted.drive.values
     assert values["motor.coulomb"] == pytest.approx(0.08, rel=0.05)
     assert values["motor.drag"] == pytest.approx(4e-4, rel=0.1)
-    assert asked.rounds[-1].cause is None
+    assert passed.rounds[-1].cause is None
 
 
 @pytest.mark.slow

@@ -26,13 +26,13 @@ from tests.simulator.simulate import simulate_linear
 
 FREE = ("motor.inertia", "load.inertia", "motor.viscous", "load.viscous", "load.idle_torque", "shaft.stiffness",
         "shaft.damping")
-HEAVY, LIGHT = (20, 23, 25), (26, 27)  # machines by seed, the light ones with little behind the shaft
+HIGH_INERTIA, LOW_INERTIA = (20, 23, 25), (26, 27)  # machines by seed, by the inertia behind the shaft
 
 
 def recorded(seed, scale):
     """Machine, record with the shaft torque times a scale, drive like the machine."""
     machine, size = machine_by_seed(seed), 4000
-    if seed in LIGHT:
+    if seed in LOW_INERTIA:
         machine = replace(machine, inertia=(machine.inertia[0], 0.05 * machine.inertia[0]))
         machine = replace(machine, stiffness=(machine.inertia[1] * (2.0 * np.pi * 25.0) ** 2,))
         machine = replace(machine, damping=(0.02 * machine.stiffness[0] / (2.0 * np.pi * 25.0),))
@@ -46,18 +46,18 @@ def recorded(seed, scale):
 
 
 @pytest.mark.parametrize("scale", [1.0, -1.0, 1.3])
-@pytest.mark.parametrize("seed", HEAVY + LIGHT)
+@pytest.mark.parametrize("seed", HIGH_INERTIA + LOW_INERTIA)
 def test_the_error_of_the_scale_is_one(seed, scale):
     record, drive = recorded(seed, scale)
     alone = experiment(record.signals["motor_torque"], record.signals["motor_speed"])
     model = fit_from_start(Task(drive, FREE, roles_of([alone], drive), (alone,)))
     factor, std = scale_of(model, record.signals["shaft_torque"], STEP)
     assert abs(factor - scale) < 3.0 * std
-    assert std < (0.2 if seed in LIGHT else 0.03) * abs(scale)
+    assert std < (0.2 if seed in LOW_INERTIA else 0.03) * abs(scale)
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("seed", HEAVY + LIGHT)
+@pytest.mark.parametrize("seed", HIGH_INERTIA + LOW_INERTIA)
 def test_a_right_sensor_is_no_fault(seed):
     record, drive = recorded(seed, 1.0)
     mended, _, faults = shaft_fault([record], drive, FREE, ("wrong-scale", "wrong-sign"))
@@ -65,7 +65,7 @@ def test_a_right_sensor_is_no_fault(seed):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("seed", HEAVY)
+@pytest.mark.parametrize("seed", HIGH_INERTIA)
 @pytest.mark.parametrize(("scale", "code"), [(1.3, "wrong-scale"), (-1.0, "wrong-sign")])
 def test_a_wrong_sensor_is(seed, scale, code):
     record, drive = recorded(seed, scale)
@@ -77,7 +77,7 @@ def test_a_wrong_sensor_is(seed, scale, code):
 
 @pytest.mark.slow
 @pytest.mark.parametrize("scale", [1.0, 1.05, 0.9])
-@pytest.mark.parametrize("seed", HEAVY + LIGHT)
+@pytest.mark.parametrize("seed", HIGH_INERTIA + LOW_INERTIA)
 def test_the_scale_fitted_together_with_the_drive_is_within_its_error(seed, scale):
     """And gains what two fits from the start gain."""
     record, drive = recorded(seed, scale)
@@ -100,20 +100,21 @@ def test_a_factor_gains_nothing_where_the_sensor_says_nothing(factor):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("told", [False, True])
-def test_a_diverged_base_of_three_bodies_is_left_with_or_without_its_start_values(told):
-    """Loads hundreds of times too light, shafts a hundred times too soft, as a sensor of wrong sign leaves them."""
+@pytest.mark.parametrize("with_start", [False, True])
+def test_a_diverged_base_of_three_bodies_is_left_with_or_without_its_start_values(with_start):
+    """Load inertias hundreds of times too low, a hundred times the compliance: due to a sensor of wrong sign."""
     case = make_case("wrong-sign-shaft", 67022, seed=67022, bodies=3, duration=3.0,
                      sensors=("motor_angle", "shaft_torque", "load_angle"))
     plain = plain_values(case.rig)
-    begun = {n: v * (1.1 if i % 2 else 0.9) for i, (n, v) in enumerate(plain.items())}
+    start_values = {n: v * (1.1 if i % 2 else 0.9) for i, (n, v) in enumerate(plain.items())}
     astray = {"gear.inertia": 4e-5, "arm.inertia": 7e-5, "shaft.stiffness": 1.7, "shaft2.stiffness": 0.29,
               "shaft.damping": 1e-3, "shaft2.damping": 2e-4}
     with tempfile.TemporaryDirectory() as room:
         logs, _ = case.write_records(Path(room))
         records = [open_experiment(log) for log in logs]
-    drive = three_mass().with_values(begun | astray)
-    _, _, faults = shaft_fault(records, drive, tuple(begun), ("wrong-sign", "wrong-scale"), begun if told else {})
+    drive = three_mass().with_values(start_values | astray)
+    _, _, faults = shaft_fault(records, drive, tuple(start_values), ("wrong-sign", "wrong-scale"),
+                               start_values if with_start else {})
     assert [f.code for f in faults] == ["wrong-sign"]
 
 

@@ -41,10 +41,10 @@ def test_white_noise_before_has_stood_in_for_nothing(run_errors):
 @pytest.mark.parametrize(("rate", "renewed"), [(0.05, [True, False]), (0.09, [True])])
 def test_a_fit_is_made_again_under_the_noise_it_began_with(monkeypatch, rate, renewed):
     """And its result is that of the fit whose noise stayed."""
-    asked = []
+    noise_estimated = []
 
     def fitted(problem, point, noise, estimate_noise, **_):
-        asked.append(estimate_noise)
+        noise_estimated.append(estimate_noise)
         return SimpleNamespace(point=np.array([float(estimate_noise)]), value=-1.0, noise=SimpleNamespace(
             memory=1.0 - rate if estimate_noise else noise.memory))
 
@@ -52,4 +52,4 @@ def test_a_fit_is_made_again_under_the_noise_it_began_with(monkeypatch, rate, re
     monkeypatch.setattr(fitting, "masked_problem", lambda problem, masks: problem)
     monkeypatch.setattr(fitting, "_run_error", lambda m: 1.0 if m.point is None else 2.0)
     after = fit(model_of(0.1, 1.0), ())
-    assert asked == renewed and after.point == float(renewed[-1])
+    assert noise_estimated == renewed and after.point == float(renewed[-1])

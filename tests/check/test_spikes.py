@@ -80,6 +80,6 @@ def outliers_of(seed, **options):
 def test_what_a_model_finds_impossible_is_left_out_and_what_went_on_is_not(seed):
     """A sensor that is wrong by seven times its noise, and a speed that did change by as much."""
     assert outliers_of(seed, spikes={1000: 7.5, 2500: -8.0}) == [1000, 2500]
-    assert outliers_of(seed, kicks={1000: 7.5, 2500: -8.0}) == []
+    assert outliers_of(seed, speed_steps={1000: 7.5, 2500: -8.0}) == []
     assert outliers_of(seed) == []
     assert outliers_of(seed, spikes={1: 9.0}) == []  # what acted before the record is not known

@@ -134,12 +134,12 @@ def test_the_score_of_an_order_is_what_its_shape_explains(turning):
     e = lfilter([1.0], [1.0, -0.9], rng.normal(size=size))  # hardly anything of it is faster than a ripple
     angle = turning * (np.cumsum(20.0 + 10.0 * np.sin(0.004 * np.arange(size))) * step + 0.3)
     reach = np.ptp(angle)
-    asked = _order_spectrum(equivalent_motor_torque(e[:, None], response, lines, step), angle, reach)
+    scores = _order_spectrum(equivalent_motor_torque(e[:, None], response, lines, step), angle, reach)
     place = angle - angle.min()
     for k in (8, 13, 40):
         order = k * np.pi / reach
         left = lfilter([1.0 - keep], [1.0, -keep], np.exp(1j * order * place))
-        assert asked[k] == pytest.approx(e @ left, abs=0.3), k  # of about a hundred
+        assert scores[k] == pytest.approx(e @ left, abs=0.3), k  # of about a hundred
 
 
 def test_what_an_order_leaves_is_the_response_at_its_frequency_and_nothing_beyond_the_last_line():

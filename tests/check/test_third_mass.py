@@ -53,7 +53,7 @@ def test_a_third_mass_goes_back_to_where_it_was_split_off(base):
 
 
 @pytest.mark.parametrize(("times", "ratio"), [(1.8, 1.0), (4.0, 5.0)])
-def test_a_large_third_mass_leaves_what_the_record_has_shown(base, times, ratio):
+def test_a_large_third_mass_leaves_what_the_record_identifies(base, times, ratio):
     """Resonance, anti-resonance and all inertia; behind a gear too. Closed form against eigenvalues."""
     before = base.task.drive.with_values({**base.fitted.drive.values, "shaft.ratio": ratio})
     point = replace(base.point, values=np.array([before.value(n) for n in base.task.free]))

@@ -94,8 +94,8 @@ def test_true_model_passes(room, name, options, noise):
     assert check.one_step_fit_percent >= check.simulation_fit_percent - 0.1
     assert not [f for f in found.findings if f.severity != "note"]
     assert found.verdict.startswith("Passed") and "the residual does not depend" in found.verdict
-    shown = {e.kind: e.curves for e in found.exhibits}
-    y, s = shown["record"]["measured"][1], shown["record"]["simulated"][1]
+    plots = {e.kind: e.curves for e in found.exhibits}
+    y, s = plots["record"]["measured"][1], plots["record"]["simulated"][1]
     e = y - s
     assert check.n == len(y)
     assert check.rmse == pytest.approx(np.sqrt(np.mean(e**2)))
@@ -103,9 +103,9 @@ def test_true_model_passes(room, name, options, noise):
     assert check.r2 == pytest.approx(1 - np.sum(e**2) / np.sum((y - y.mean()) ** 2))
     assert check.simulation_fit_percent == pytest.approx(
         100 * (1 - np.sqrt(np.sum(e**2)) / np.sqrt(np.sum((y - np.mean(y)) ** 2))))
-    lags, r = shown["correlation"]["residual with torque"]
+    lags, r = plots["correlation"]["residual with torque"]
     assert np.abs(r[lags > 0]).max() == pytest.approx(check.max_correlation)
-    assert shown["correlation"]["band 97 % for one lag"][1].max() == pytest.approx(check.band)
+    assert plots["correlation"]["band 97 % for one lag"][1].max() == pytest.approx(check.band)
 
 
 # room, record, what is wrong, findings that must be there
@@ -273,9 +273,9 @@ def test_a_signal_that_never_changes_has_no_fit_and_the_verdict_says_so():
     constant = next(check for check in found.checks if check.output == "load_speed")
     assert np.isnan(constant.simulation_fit_percent) and np.isnan(constant.r2) and not constant.passed
     assert constant.rmse > 0.0
-    told = [found.verdict, *(f.text for f in found.findings), *(e.title for e in found.exhibits)]
-    assert sum("undefined (the signal is constant)" in text for text in told) == 3
-    assert not [text for text in told if "nan" in text.split()]
+    texts = [found.verdict, *(f.text for f in found.findings), *(e.title for e in found.exhibits)]
+    assert sum("undefined (the signal is constant)" in text for text in texts) == 3
+    assert not [text for text in texts if "nan" in text.split()]
 
 
 @pytest.mark.parametrize("errors, turned", [
@@ -283,8 +283,8 @@ def test_a_signal_that_never_changes_has_no_fit_and_the_verdict_says_so():
     (((1.0, 3.1), (2.0, 3.0)), False), (((1.0, 4.0), (1.04, 3.0)), False), (((1.0, 4.0),), False)])
 def test_a_ranking_that_depends_on_the_start_state_is_reported(errors, turned):
     check = validated("rig", "steps_holdout").checks[0]
-    checks = [replace(check, model=f"{i}.yaml", rmse=fitted, measured_start_rmse=begun)
-              for i, (fitted, begun) in enumerate(errors)]
+    checks = [replace(check, model=f"{i}.yaml", rmse=fitted, measured_start_rmse=measured)
+              for i, (fitted, measured) in enumerate(errors)]
     found = ranking_findings([*checks, replace(check, file="other.parquet")])
     assert [f.code for f in found] == ["ranking-depends-on-start"] * turned
     assert not turned or "0.yaml has the smallest error with a fitted start state and 1.yaml" in found[0].text
@@ -326,11 +326,11 @@ def test_exit_codes_and_files_at_the_command_line(tmp_path, monkeypatch, capfd):
     assert code == 0 and file["passed"] and "Passed" in talk and file["options"]["segment"] == 2.0
     assert sorted(p.name for p in Path("p").iterdir()) == [
         "validate-steps_holdout-correlation.png", "validate-steps_holdout-record.png"]
-    code, told, talk = call("-p", "idle.yaml", "--max-correlation", "1")
-    assert code == 3 and not told["passed"] and "failure" in talk and "worse than its mean" in talk
+    code, content, talk = call("-p", "idle.yaml", "--max-correlation", "1")
+    assert code == 3 and not content["passed"] and "failure" in talk and "worse than its mean" in talk
     assert call("-p", "idle.yaml", "--max-correlation", "1", "--min-fit", "-100")[0] == 0
-    for bar in (("--min-fit", "99.99"), ("--max-correlation", "0.001")):
-        code, file, talk = call("-p", "good.yaml", *bar)
+    for limit in (("--min-fit", "99.99"), ("--max-correlation", "0.001")):
+        code, file, talk = call("-p", "good.yaml", *limit)
         assert code == 3 and not file["passed"] and "Not passed" in file["verdict"] and "failure" in talk
     code, file, _ = call("-p", "good.yaml", "-p", "bad.yaml")
     assert code == 3 and [c["passed"] for c in file["checks"]] == [True, False]

@@ -19,7 +19,7 @@ from drivetool.errors import BadOption, BadParameters, NotEnoughData
 from drivetool.identify.estimate import Covariance
 from drivetool.identify.setup import KnownStart, Options
 from drivetool.identify.steady import steady
-from tests.coasting import RPM, STEP, Motor, counts, driven_then_off, motion, recording, run_down
+from tests.coasting import RPM, STEP, Motor, coast_down, counts, driven_then_off, motion, recording
 
 PAPER, TOP = Motor(), 2240 * RPM  # no-load speed at 40 Hz
 TRUTH = one_body().with_values(
@@ -30,7 +30,7 @@ DRAG = replace(PAPER, drag=0.01 * PAPER.friction(TOP) / TOP**2)
 
 
 def at(hertz, motor=PAPER, seed=0):
-    return run_down(hertz + seed, motor, TOP * hertz / 40)
+    return coast_down(hertz + seed, motor, TOP * hertz / 40)
 
 
 def validated(record, *models, **options):
@@ -44,7 +44,7 @@ def codes(validation):
 
 @pytest.fixture(scope="module")
 def fitted():
-    """Fitted to the run-down from the no-load speed at 40 Hz: ratios alone."""
+    """Fitted to the coast-down from the no-load speed at 40 Hz: ratios alone."""
     ratios = {p.name: p.value for p in steady([at(40)], one_body(), Options(method="coast-down")).ratios}
     return CoastDownModel("coast.yaml", one_body().with_values({
         "motor.inertia": 1.0, "motor.viscous": ratios["viscous_over_inertia"],
@@ -52,7 +52,7 @@ def fitted():
 
 
 @pytest.mark.parametrize("hertz", [45, 50, 55])
-def test_a_model_of_one_run_down_leaves_of_others_what_counts_do(fitted, hertz):
+def test_a_model_of_one_coast_down_leaves_of_others_the_quantisation(fitted, hertz):
     angle, speed = (found := validated(at(hertz), fitted)).checks
     assert angle.output == "motor_angle" and angle.rmse_counts <= MAX_ERROR_TO_COUNTS
     assert angle.rmse == pytest.approx(angle.rmse_counts * WIDTH, rel=1e-6)
@@ -86,9 +86,9 @@ def test_a_drag_that_the_model_lacks_shows_with_its_size(hertz):
     assert f"the friction of coast-{hertz}.parquet differs" in found.verdict
     true, _ = motion(DRAG, lambda t: 0.0, TOP * hertz / 40, 80 * RPM, 5.0)[::-1]
     from_same = motion(PAPER, lambda t: 0.0, TOP * hertz / 40, 0.0, len(true) * STEP)[1][:len(true)]
-    apart = float(np.sqrt(np.mean((from_same - true) ** 2)))
+    distance = float(np.sqrt(np.mean((from_same - true) ** 2)))
     # With its own start speed a free run errs by less, but not by an order.
-    assert 0.1 * apart < speed.rmse < apart and speed.rmse > 5.0 * speed.sensor_rmse
+    assert 0.1 * distance < speed.rmse < distance and speed.rmse > 5.0 * speed.sensor_rmse
 
 
 def test_the_speed_by_counts_is_that_of_the_motion():
@@ -142,7 +142,7 @@ def test_an_encoder_that_errs_as_the_fit_has_found_is_no_other_friction():
     assert "coast-down-not-explained" in codes(validated(record))
 
 
-def test_bars_and_what_is_refused():
+def test_limits_and_what_is_refused():
     found = validated(at(50), min_fit=99.9999)
     assert not any(c.passed for c in found.checks) and "Not passed: 2 of 2" in found.verdict
     for change in ({"segment": 0.1}, {"start": KnownStart(rest=True)}):
@@ -166,7 +166,7 @@ def test_friction_far_too_steep_for_a_record_to_standstill_is_still_tested(speed
 
 
 def short_run(speeds, seed):
-    """Fitted to a short piece of a run-down with a noisy speed: ratios that are known to some per cent."""
+    """Fitted to a short piece of a coast-down with a noisy speed: ratios that are known to some per cent."""
     _, speed = motion(PAPER, lambda t: 0.0, speeds[0] * RPM, speeds[1] * RPM, 5.0)
     e = recording(seed, motor_speed=speed + np.random.default_rng(seed).normal(0.0, 1.0, len(speed)))
     return steady([e], one_body(), Options(method="coast-down"))
@@ -174,7 +174,7 @@ def short_run(speeds, seed):
 
 @pytest.mark.slow
 def test_what_the_fit_leaves_open_is_no_other_friction():
-    """Twenty models that are known badly: in another run-down each errs by what its covariance says."""
+    """Twenty models that are known badly: in another coast-down each errs by what its covariance says."""
     times, named = [], 0
     for seed in range(20):
         estimate = short_run((1200, 700), seed)
@@ -193,7 +193,7 @@ def test_what_the_fit_leaves_open_is_no_other_friction():
 
 
 def test_a_common_factor_that_is_unsure_leaves_nothing_open():
-    """Inertia and friction known to 5 %, all by one friction: their ratios are what runs down."""
+    """Inertia and friction known to 5 %, all by one friction: a coast-down depends on their ratios only."""
     names = ("motor.inertia", "motor.viscous", "motor.coulomb")
     values = np.array([TRUTH.values[n] for n in names])
     spread = Covariance(names, 0.05**2 * np.outer(values, values))

@@ -131,8 +131,9 @@ def test_a_fault_of_the_record_is_not_one_of_the_simulation(causes, found, begin
     ((), "warning", "No cause of the catalogue explains"),
     (("quantisation",), "note", "quantisation explains this")])
 def test_no_diagnosis_sends_the_user_to_a_diagnosis(faults, severity, text):
-    told = correlated_errors_finding([Fault(code, CORRELATED) for code in faults])
-    assert told.severity == severity and text in f"{told.text} {told.action}" and "diagnose" not in told.action
+    finding = correlated_errors_finding([Fault(code, CORRELATED) for code in faults])
+    assert finding.severity == severity and text in f"{finding.text} {finding.action}"
+    assert "diagnose" not in finding.action
 
 
 def line(name, value, unit, std=None):

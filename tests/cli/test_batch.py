@@ -120,7 +120,7 @@ def test_it_says_what_has_changed(here, call):
     with (out / "logs/press2/01/steady.yaml").open("a") as file:
         file.write("# by hand\n")
     shutil.move("logs/press2/02.parquet", "logs/press2/03.parquet")
-    code, told, _ = call("batch", "site.yaml", "--verify")
+    code, report, _ = call("batch", "site.yaml", "--verify")
     assert code == 3
     _, explained, err = call("batch", "site.yaml", "--explain")
     assert explained.splitlines() == [
@@ -128,7 +128,7 @@ def test_it_says_what_has_changed(here, call):
         "steady of logs/press1/02.parquet: its file is missing",
         "steady of logs/press2/01.parquet: its file was changed",
         "steady of logs/press2/03.parquet: it has not been run"]
-    assert "logs/press1/01.parquet: it has not been looked into" in told
+    assert "logs/press1/01.parquet: it has not been looked into" in report
     assert "3 of them run now" in err  # of equal content as before, the renamed one is not fitted again
     sites.write_site(here, recipe=[{"command": "steady --drive one-body --seed 2"}])
     _, explained, _ = call("batch", "site.yaml", "--explain")

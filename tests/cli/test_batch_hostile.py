@@ -131,12 +131,12 @@ def test_what_a_limit_kept_from_being_seen_is_looked_at_again(here, call):
 
 def test_verdicts_are_written_by_verify_too_and_nothing_else(here, call, monkeypatch):
     sites.small(here, count=1)
-    told = site._trend_files
+    trend_files = site._trend_files
 
     def locked(outcome, cases, out, say):
         with pytest.raises(BadOption, match="another batch running"):  # until all files are written
             open_manifest(out)
-        return told(outcome, cases, out, say)
+        return trend_files(outcome, cases, out, say)
 
     with monkeypatch.context() as patch:
         patch.setattr(site, "_trend_files", locked)
@@ -201,10 +201,10 @@ def test_a_recording_that_judges_with_another_map_is_no_judge():
 def test_ten_times_the_machines_cost_ten_times_the_looks_at_what_can_begin(tmp_path, monkeypatch):
     steps = tuple(RecipeStep(name, "recording", "steady", (), params, False, None, {})
                   for name, params in (("a", ()), ("b", ("a",)), ("c", ("a", "b"))))
-    asked = []
+    calls = []
     can_begin = schedule.Schedule._can_begin
     monkeypatch.setattr(schedule.Schedule, "_can_begin", lambda self,
-                        stage: asked.append(1) or can_begin(self, stage))
+                        stage: calls.append(1) or can_begin(self, stage))
     monkeypatch.setattr(schedule, "store_result", lambda task, line, text, out, manifest: manifest.append({
         "output": task.output, "key": "", "content": task.content, "inputs": task.inputs, "sha256": "", **line}))
     monkeypatch.setattr(Manifest, "append", lambda self, line: self._take(json.loads(json.dumps(line))))
@@ -220,4 +220,4 @@ def test_ten_times_the_machines_cost_ten_times_the_looks_at_what_can_begin(tmp_p
     machines = 100
     setting = RunOptions(tmp_path, tmp_path / "out", steps, {}, {"drivetool": "1"}, Executor(), lambda text: None)
     outcome = run_site(setting, [recording(f"m{i}/r") for i in range(machines)], Manifest(tmp_path / MANIFEST_FILE))
-    assert outcome.run_count == 3 * machines and len(asked) <= 7 * machines
+    assert outcome.run_count == 3 * machines and len(calls) <= 7 * machines

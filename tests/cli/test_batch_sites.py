@@ -1,4 +1,4 @@
-"""Site files: machines, kinds, earlier files, held-out recordings and bars; one sentence for each error."""
+"""Site files: machines, kinds, earlier files, held-out recordings and limits; one sentence for each error."""
 
 from dataclasses import replace
 from pathlib import Path
@@ -84,8 +84,8 @@ def test_bars():
     entries = [Entry("a", "press", "k", None, 1, "greybox", verdict),
                Entry("b", "press", "k", None, 2, "greybox", None, "no")]
 
-    def text(**bar):
-        return {(c.recording, c.name): c.text for c in evaluate_bars(entries, [BarSection(**bar)])
+    def text(**limits):
+        return {(c.recording, c.name): c.text for c in evaluate_bars(entries, [BarSection(**limits)])
                 if "runs" not in c.name}
 
     from drivetool.files.shapes import MeasureSection
@@ -161,7 +161,7 @@ WRONG = {
     "unknown key": ({"recordings": [{"file": "*"}]}, ["'file' in site.yaml", "Did you mean 'files'?"]),
     "unknown key of machine": ({"recordings": [{"files": "*", "machine": {"folders": 1}}]},
                                ["recordings[0].machine", "Did you mean 'folder'?"]),
-    "two ways to tell a machine": ({"recordings": [{"files": "*", "machine": {"folder": 1, "metadata": "x"}}]},
+    "two ways to identify a machine": ({"recordings": [{"files": "*", "machine": {"folder": 1, "metadata": "x"}}]},
                                    ["one of folder, file and metadata"]),
     "pattern without a machine": ({"recordings": [{"files": "*", "machine": {"file": "x_*"}}]}, ["{machine} once"]),
     "nothing to do": ({"recipe": []}, ["at least one step"]),
@@ -196,13 +196,14 @@ WRONG = {
     "unknown judge": ({"recipe": [
         {"command": "steady"}, {"command": "validate", "params": ["steady"], "judge": "nex"}]},
                       ["Did you mean 'next'?"]),
-    "bar without limit": ({"bars": [{"figure": "x"}]}, ["one of at_most and at_least at bars[0]"]),
-    "bar without a name": ({"bars": [{"figure": "", "at_most": 1}]}, ["either figure or findings"]),
-    "bar that is no number": ({"bars": [{"figure": "x", "at_most": float("nan")}]}, ["a finite number of at_most"]),
-    "bar on two things": ({"bars": [{"figure": "x", "at_most": 1, "findings": "no-failure"}]},
+    "limit without a value": ({"bars": [{"figure": "x"}]}, ["one of at_most and at_least at bars[0]"]),
+    "limit without a name": ({"bars": [{"figure": "", "at_most": 1}]}, ["either figure or findings"]),
+    "limit that is no number": ({"bars": [{"figure": "x", "at_most": float("nan")}]},
+                                ["a finite number of at_most"]),
+    "limit on two things": ({"bars": [{"figure": "x", "at_most": 1, "findings": "no-failure"}]},
                           ["either figure or findings"]),
-    "unit of a bar": ({"bars": [{"figure": "x", "at_most": {"value": 1, "unit": "mrd"}}]}, ["'mrd'"]),
-    "step of a bar": ({"bars": [{"figure": "x", "at_most": 1, "step": "stead"}]}, ["Did you mean 'steady'?"]),
+    "unit of a limit": ({"bars": [{"figure": "x", "at_most": {"value": 1, "unit": "mrd"}}]}, ["'mrd'"]),
+    "step of a limit": ({"bars": [{"figure": "x", "at_most": 1, "step": "stead"}]}, ["Did you mean 'steady'?"]),
     "nothing matches": ({"recordings": [{"files": "log/*.parquet"}]},
                         ["that match 'log/*.parquet'", "counts from the folder"]),
     "no such map": ({"recordings": [{"files": "logs/*/*.parquet", "map": "m.yaml"}]},

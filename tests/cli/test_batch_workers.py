@@ -90,7 +90,7 @@ def test_in_a_site_a_recording_that_kills_its_worker_and_one_that_never_ends_are
 
 
 @pytest.mark.slow
-@pytest.mark.skipif(not sys.platform.startswith("linux"), reason="the memory of a process is told by Linux")
+@pytest.mark.skipif(not sys.platform.startswith("linux"), reason="only Linux reports the memory of a process")
 def test_too_much_memory(here, call):
     sites.small(here, count=1)
     code, *_ = call("batch", "site.yaml", "--memory-limit", "1")

@@ -311,11 +311,11 @@ def test_names_are_written_as_they_are_whatever_the_encoding_of_standard_output(
     assert piped.stdout == (folder / "größe.yaml").read_bytes()
     assert "größe.yaml".encode(encoding, "backslashreplace") in made.stderr
     assert json.loads(run("greybox", name, "--json", "--quiet").stdout) == yaml.safe_load(piped.stdout)
-    shown = run("show", "-", stdin=piped.stdout)
-    assert shown.returncode == 0 and b"motor.inertia" in shown.stdout and shown.stderr == b""
+    summary = run("show", "-", stdin=piped.stdout)
+    assert summary.returncode == 0 and b"motor.inertia" in summary.stdout and summary.stderr == b""
 
 
-def test_what_libraries_warn_of_is_shown_with_debug_alone(folder):
+def test_warnings_of_libraries_are_printed_with_debug_alone(folder):
     code = [sys.executable, "-W", "always", "-c", STUBBED.format(root=str(ROOT))]
     words = [*code, "greybox", "steps.parquet", "--seed", "7", "--out", "g.yaml"]
     plain, debug = (subprocess.run([*words, *more], capture_output=True, text=True) for more in ([], ["--debug"]))

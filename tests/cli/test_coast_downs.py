@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 import yaml
 
-from tests.coasting import RPM, STEP, Motor, driven_then_off, run_down
+from tests.coasting import RPM, STEP, Motor, coast_down, driven_then_off
 from tests.simulator.records import write_mcap, write_parquet
 
 TOP_SPEED = 2240 * RPM
@@ -18,7 +18,7 @@ def folder(tmp_path_factory):
     """Counts at supplies of 40, 45, 50 and 55 Hz as Parquet, some as MCAP; one under torque first."""
     path = tmp_path_factory.mktemp("coast")
     for hertz in (40, 45, 50, 55):
-        angle = {"motor_angle": (run_down(hertz, fast=TOP_SPEED * hertz / 40).signals["motor_angle"], "rad")}
+        angle = {"motor_angle": (coast_down(hertz, fast=TOP_SPEED * hertz / 40).signals["motor_angle"], "rad")}
         write_parquet(path / f"run{hertz}.parquet", angle, STEP)
         if hertz in (40, 50):
             write_mcap(path / f"run{hertz}.mcap", angle, STEP)
@@ -46,7 +46,7 @@ def coast(here, call):
     return "coast.yaml"
 
 
-def test_other_run_downs_of_a_model_of_ratios(coast, call):
+def test_other_coast_downs_of_a_model_of_ratios(coast, call):
     content = written(call, "validate", "run45.parquet", "run50.parquet", "run55.parquet", "--params", coast)
     assert content["passed"] and content["options"]["criterion"] == "coast-down"
     angles = [c for c in content["checks"] if c["output"] == "motor_angle"]
@@ -76,7 +76,7 @@ def test_the_table_names_both_kinds_of_nrmse_and_rpm(coast, call, here):
     assert checks == yaml.safe_load((here / "v.yaml").read_text())["checks"]
 
 
-def test_a_model_with_its_scale_on_run_downs_and_ratios_on_a_record_under_torque(here, coast, call):
+def test_a_model_with_its_scale_on_coast_downs_and_ratios_on_a_record_under_torque(here, coast, call):
     assert call("steady", "driven.parquet", *STEADY, "--flux-decay", "0.02", "--out", "scaled.yaml")[0] == 0
     content = written(call, "validate", "run50.parquet", "--params", "scaled.yaml")
     assert content["options"]["flux_decay"] == 0.02  # as the fit left it out
@@ -121,7 +121,7 @@ def test_a_slide_by_a_ruler(here, call):
 @pytest.mark.parametrize("words, says", [
     (("--segment", "0.1"), "no --segment"), (("--start", "rest"), "no --start"),
     (("--criterion", "inverse", "--flux-decay", "0.1"), "--criterion coast-down")])
-def test_what_a_run_down_does_not_take_is_refused(coast, call, words, says):
+def test_what_a_coast_down_does_not_take_is_refused(coast, call, words, says):
     code, _, err = call("validate", "run50.parquet", "--params", coast, *words)
     assert code == 2 and says in err and "Traceback" not in err
 

@@ -127,8 +127,8 @@ def test_a_coast_down_identifies_ratios_only(call, tmp_path):
         assert line["std"] is None and line["ci95"] is None and line["status"] == "not-identifiable"
         assert "ratio" in line["reason"]
     assert lines["motor.viscous"]["value"] / lines["motor.inertia"]["value"] == pytest.approx(0.25, rel=1e-3)
-    told = [f["text"] for f in content["findings"] if f["code"] == "not-identifiable"]
-    assert len(told) == 1 and "no torque of known size acts" in told[0]
+    texts = [f["text"] for f in content["findings"] if f["code"] == "not-identifiable"]
+    assert len(texts) == 1 and "no torque of known size acts" in texts[0]
 
 
 def test_a_coast_down_with_a_known_friction_identifies_the_inertia(call, tmp_path):

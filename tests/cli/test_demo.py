@@ -70,7 +70,7 @@ def test_mcap_gives_the_same_estimate_as_parquet_and_repeats_to_the_byte(out, tm
 
 
 @pytest.mark.slow
-def test_reversing_drive_is_identified_from_a_rough_data_sheet(tmp_path):
+def test_reversing_drive_is_identified_from_an_inexact_data_sheet(tmp_path):
     """Gap, Coulomb friction and the bodies' shares of friction, from one record and an approximate data sheet."""
     folder = RIG.parent / "reversing"
     tool = [sys.executable, "-m", "drivetool.cli.main"]

@@ -36,10 +36,10 @@ def stand_in(monkeypatch):
     """The arguments that the stand-in received; `answer` is what it returns or raises."""
     seen = types.SimpleNamespace(answer=diagnosed.diagnosis())
 
-    def diagnose(experiments, drive, free, options, holdout, begun, own):
+    def diagnose(experiments, drive, free, options, holdout, start_values, own):
         assert own == ()
         seen.experiments, seen.drive, seen.free = experiments, drive, free
-        seen.options, seen.holdout, seen.begun = options, holdout, begun
+        seen.options, seen.holdout, seen.start_values = options, holdout, start_values
         if isinstance(seen.answer, Exception):
             raise seen.answer
         data = tuple((e.name, e.sha256) for e in experiments)
@@ -78,7 +78,7 @@ def test_the_statistics_get_what_was_given(folder, stand_in, call):
     assert stand_in.options == DiagnoseOptions(("backlash", "dead-time"), 0.05, 2, 7)
     assert stand_in.drive.values["load.inertia"] == pytest.approx(5.179)
     assert stand_in.free == ["motor.inertia", "load.inertia"]
-    assert stand_in.begun == pytest.approx({"load.inertia": 6.0})
+    assert stand_in.start_values == pytest.approx({"load.inertia": 6.0})
     content = yaml.safe_load(out)
     assert content["step"] == "diagnose" and content["diagnosis"]["causes"] == ["backlash"]
     assert [entry["file"] for entry in content["options"]["holdout"]] == ["b.parquet", "c.parquet"]

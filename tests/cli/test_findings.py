@@ -27,7 +27,7 @@ def test_a_code_of_an_earlier_version_leads_to_the_present_one(call):
     assert (code, err) == (0, "") and yaml.safe_load(out)["code"] == "torque-shifted"
 
 
-def test_a_file_with_a_code_of_an_earlier_version_is_shown_with_the_present_one(call, tmp_path):
+def test_a_file_with_a_code_of_an_earlier_version_is_printed_with_the_present_one(call, tmp_path):
     path = tmp_path / "old.yaml"
     path.write_text("schema: drivetool/parameters/1\nparameters: {}\nfindings:\n"
                     "- {severity: warning, code: not-settled, text: It did not., evidence: {}, action: ''}\n")

@@ -29,7 +29,7 @@ def test_damping_in_the_gap_is_named_with_its_size(call, tmp_path):
     (tmp_path / "start.yaml").write_text(yaml.safe_dump(start))
     base, found = tmp_path / "base.yaml", tmp_path / "found.yaml"
     words = ("backlash", tmp_path / "a.mcap", "--params", tmp_path / "start.yaml", "--free", "shaft.damping")
-    # Asked for a gap the tool names the law of its damping by itself. A fit to simulate keeps to the drive's own.
+    # The fit of a gap names the law of its damping by itself. A simulation-error fit keeps to the drive's own.
     code, _, err = call(*words, "--out", tmp_path / "gap.yaml")
     gap = yaml.safe_load((tmp_path / "gap.yaml").read_text())
     assert code == 0 and "note gap-law:" in err and gap["drive"]["damping_law"] == "always", err

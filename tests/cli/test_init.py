@@ -46,7 +46,7 @@ def test_recordings_of_known_kinds_get_the_usual_chain(here, call):
         ("backlash --free all", ["greybox"]), ("validate", ["backlash"])]
 
 
-def test_channels_without_roles_ask_for_a_map(here, call):
+def test_channels_without_roles_require_a_map(here, call):
     import pyarrow as pa
     import pyarrow.parquet as pq
 

@@ -135,14 +135,14 @@ def test_show_prints_an_inspection_that_was_written(tmp_path, call):
     assert (code, out) == (1, "") and "at channels[0].samples" in err and "schemas/inspection.json" in err
 
 
-@pytest.mark.parametrize("first, told", [
+@pytest.mark.parametrize("first, message", [
     ("schema: drivetool/channel-map/1", "A channel map is an input: 'drivetool inspect LOG --map FILE'"),
     ("schema: drivetool/inspection/0", "Write the file again"), ("schema: [1]", "[1] in a.yaml"),
     ("roles: {}", "Begin a parameter file with 'schema: drivetool/parameters/1'")])
-def test_show_lists_what_it_prints(tmp_path, call, first, told):
+def test_show_lists_what_it_prints(tmp_path, call, first, message):
     (tmp_path / "a.yaml").write_text(first + "\n")
     code, out, err = call("show", "a.yaml")
-    assert (code, out, err.count("\n")) == (1, "", 1) and told in err
+    assert (code, out, err.count("\n")) == (1, "", 1) and message in err
     assert all(f"drivetool/{kind}/1" in err for kind in (
         "parameters", "validation", "gains", "spectra", "comparison", "inspection"))
 

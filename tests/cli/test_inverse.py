@@ -47,7 +47,7 @@ def test_a_fit_is_true_on_another_record(call, site):
     assert 0.005 * AXIS.rated < check["rmse"] < 0.03 * AXIS.rated
 
 
-def test_a_wrong_model_misses_its_bar(call, site):
+def test_a_wrong_model_misses_its_limit(call, site):
     fitted(call, site, "--hold", "motor.coulomb", "--set", "motor.coulomb=0.1")
     code, _, err = call("validate", site / "b.parquet", "--params", site / "fit.yaml", "--criterion", "inverse",
                         "--min-fit", "95", "--out", site / "check.yaml")

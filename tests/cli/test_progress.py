@@ -58,15 +58,15 @@ def on_a_terminal(room, *more):
         "  shaft.damping: {value: 3.1}\n", encoding="utf-8")
     ours, theirs = pty.openpty()
     words = ["tune", "--params", str(params), "--converter", "433,0.69,2 ms", "--out", str(room / "gains.yaml")]
-    shown = b""
+    output = b""
     with (room / "stdout").open("wb") as out, subprocess.Popen(
             [sys.executable, "-m", "drivetool.cli.main", *words, *more], stdout=out, stderr=theirs, cwd=room,
             env={**os.environ, "TERM": "xterm"}) as run:
         os.close(theirs)
         while part := read(ours):
-            shown += part
+            output += part
     os.close(ours)
-    return run.returncode, (room / "stdout").read_text(encoding="utf-8"), shown.decode()
+    return run.returncode, (room / "stdout").read_text(encoding="utf-8"), output.decode()
 
 
 def read(terminal):
@@ -78,14 +78,14 @@ def read(terminal):
 
 
 @pytest.mark.slow
-def test_a_terminal_sees_the_bar_and_the_result_stays_clean(tmp_path):
-    code, out, shown = on_a_terminal(tmp_path)
-    assert code == 0, shown
-    assert "designs" in shown and "0/1" in shown
+def test_a_terminal_gets_the_progress_bar_and_the_result_stays_clean(tmp_path):
+    code, out, screen = on_a_terminal(tmp_path)
+    assert code == 0, screen
+    assert "designs" in screen and "0/1" in screen
     assert "designs" not in out and "\x1b" not in out
 
 
 @pytest.mark.slow
-def test_quiet_means_no_bar(tmp_path):
-    code, _, shown = on_a_terminal(tmp_path, "--quiet")
-    assert code == 0 and shown == ""
+def test_quiet_means_no_progress_bar(tmp_path):
+    code, _, screen = on_a_terminal(tmp_path, "--quiet")
+    assert code == 0 and screen == ""

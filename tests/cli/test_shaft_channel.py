@@ -10,14 +10,14 @@ from drivetool.identify.shaft_torque.channel import SHAFT_SIGN_SIGNIFICANCE, SHA
 from drivetool.logs.door import open_experiment
 from tests.places import FIXTURES
 
-LIGHT = FIXTURES / "light"
+FOLDER = FIXTURES / "light"
 START = ("--drive", "two-mass", "--set", "motor.inertia=4", "--set", "load.inertia=0.6", "--set",
          "shaft.stiffness=3500", "--set", "shaft.half_gap=0.1")
 
 
 def altered(folder, name, **factors):
     """A recording of the light rig with some channels multiplied."""
-    table = pq.read_table(LIGHT / f"{name}.parquet")
+    table = pq.read_table(FOLDER / f"{name}.parquet")
     for role, factor in factors.items():
         i = table.column_names.index(role)
         table = table.set_column(i, table.schema.field(i), pa.array(factor * np.asarray(table[role])))
@@ -54,7 +54,7 @@ def test_steady_needs_a_motor_torque(call, tmp_path):
 def test_right_recordings_pass(name):
     from drivetool.drive import one_body, two_mass
 
-    record = open_experiment(LIGHT / f"{name}.parquet")
+    record = open_experiment(FOLDER / f"{name}.parquet")
     check_shaft_torque([record], two_mass())
     check_shaft_torque([record], one_body())
     shares = [shaft_torque_share(record, "shaft_torque", count) for count in SHAFT_TORQUE_BLOCKS]

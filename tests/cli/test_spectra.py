@@ -47,8 +47,8 @@ def test_summary_curves_and_pictures(record, call):
     assert (record / "pictures" / "spectra-multi-response.png").stat().st_size > 10_000
     assert call(*words)[0] == 0
     assert (record / "s.yaml").read_bytes() == text and (record / "s.curves.parquet").read_bytes() == curves
-    code, shown, _ = call("show", "s.yaml")
-    assert code == 0 and "anti-resonance" in shown and "coherence" in shown
+    code, summary, _ = call("show", "s.yaml")
+    assert code == 0 and "anti-resonance" in summary and "coherence" in summary
 
 
 def test_words_reach_the_estimator(record, call):

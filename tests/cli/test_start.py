@@ -98,8 +98,8 @@ def test_validate_names_both_starts_and_sees_through_a_wrong_one(tmp_path, call)
     # One sample in twenty determines the start: a line through them has 0.43 of the noise at its end.
     assert check["rmse"] < check["measured_start_rmse"] < 2.0 * check["rmse"]
     assert check["measured_start_fit_percent"] < check["simulation_fit_percent"]
-    shown = call("show", out)[1]
-    assert "start state fitted" in shown and "start state measured" in shown
+    summary = call("show", out)[1]
+    assert "start state fitted" in summary and "start state measured" in summary
     call(*words, "--segment", 0.1)  # pieces begin in any motion, which first samples of one sensor do not show
     check, = yaml.safe_load(out.read_text())["checks"]
     assert check["measured_start_rmse"] is None and "start state measured" not in call("show", out)[1]

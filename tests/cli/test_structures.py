@@ -58,8 +58,8 @@ def test_compare_writes_tables_that_show_reads(records, call):
     assert len(content["cross"]) == 8 and len(content["structures"]) == 4
     inertia = next(s for s in content["spread"] if s["name"] == "load.inertia" and s["structure"] == "oe")
     assert inertia["mean"] == pytest.approx(5.2, rel=0.05) and len(inertia["values"]) == 2
-    code, shown, _ = call("show", "c.yaml")
-    assert code == 0 and "checked on" in shown and "std over recordings" in shown and "run2" in shown
+    code, summary, _ = call("show", "c.yaml")
+    assert code == 0 and "checked on" in summary and "std over recordings" in summary and "run2" in summary
 
 
 @pytest.mark.parametrize(("words", "code", "said"), [

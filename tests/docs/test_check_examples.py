@@ -13,13 +13,13 @@ def test_equal_but_for_columns_last_digits_and_ellipsis(expected, printed):
     assert not differs(expected, printed)
 
 
-@pytest.mark.parametrize("expected, printed, told", [
+@pytest.mark.parametrize("expected, printed, message", [
     ("gap 0.0750 rad", "gap 0.0753 rad", "expected `0.0750 rad`; printed `0.0753 rad`"),
     ("n 12", "n 13", "12"), ("a ... c", "a b d", "c"), ("a", "a b", "the end"), ("a b", "a", "nothing more"),
     ("a ...", "b a", "printed `b a`"), ("", "x", "the end"), ("... x", "y", "x"), ("1.5e-3", "1.5e-4", "1.5e-3"),
     ("1.5", "-1.5", "1.5")])
-def test_what_changed_is_told(expected, printed, told):
-    assert told in differs(expected, printed)
+def test_what_changed_is_reported(expected, printed, message):
+    assert message in differs(expected, printed)
 
 
 PAGE = """text
@@ -49,13 +49,13 @@ def test_a_block_runs_in_one_folder_on_a_terminal(tmp_path):
     assert len(faults) == 2 and "exit code 1" in faults[1] and "one 1.00 3\ntwo\n" in right
 
 
-@pytest.mark.parametrize("line, told", [
+@pytest.mark.parametrize("line, message", [
     ("drivetool greybox a.mcap --parms b.yaml", "--parms"), ("drivetool gerybox a.mcap", "no step gerybox"),
     ("drivetool show a.yaml | drivetool greybox a.mcap --criterion best", "best")])
-def test_a_command_that_does_not_run_names_what_exists(line, told):
+def test_a_command_that_does_not_run_names_what_exists(line, message):
     block = check_examples.Block("page.md", 1, "sh", f"A=b\n{line}  # comment\n")
     fault, = check_examples.wrong_usage(block)
-    assert told in fault
+    assert message in fault
     right = check_examples.Block("page.md", 1, "sh", "drivetool greybox a.mcap --set motor.inertia=2 > b.yaml\n")
     assert check_examples.wrong_usage(right) == []
 

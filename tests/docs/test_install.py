@@ -6,7 +6,7 @@ import pytest
 
 from tests.places import ROOT
 
-SHOWN = ("*.md", "Makefile", "pyproject.toml", ".ci/*", "docs/**/*", "schemas/**/*", "fixtures/**/*.yaml",
+FILES = ("*.md", "Makefile", "pyproject.toml", ".ci/*", "docs/**/*", "schemas/**/*", "fixtures/**/*.yaml",
          "drivetool/**/*.py")
 TEXT = {"", ".md", ".py", ".yml", ".yaml", ".mk", ".smk", ".toml", ".json", ".txt", ".cfg", ".sh"}
 BY_NAME = re.compile(
@@ -18,7 +18,7 @@ BY_NAME = re.compile(
 
 
 def files():
-    return sorted({path for pattern in SHOWN for path in ROOT.glob(pattern)
+    return sorted({path for pattern in FILES for path in ROOT.glob(pattern)
                    if path.is_file() and path.suffix in TEXT and "__pycache__" not in path.parts})
 
 

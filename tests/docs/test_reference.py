@@ -54,9 +54,9 @@ def test_links_lead_to_a_place():
     assert len(labels) == sum(len(re.findall(r"^\(.*\)=$", text, re.MULTILINE)) for text in PAGES.values())
 
 
-@pytest.mark.parametrize(("text", "shown"), [
+@pytest.mark.parametrize(("text", "markdown"), [
     ("Use --set x, or 'keep from=2'.", "Use `--set` x, or `keep from=2`."),
     ("the step's 2 * 3 of reference_*", r"the step's 2 \* 3 of `reference_*`"),
     ("see `a_b <c>` and <d>", r"see `a_b <c>` and \<d\>")])
-def test_a_text_is_shown_as_it_was_written(text, shown):
-    assert GENERATOR.prose(text) == shown
+def test_a_text_is_rendered_as_it_was_written(text, markdown):
+    assert GENERATOR.prose(text) == markdown

@@ -10,7 +10,7 @@ MINUTES = {"test": "six", "test-slow": "thirty"}
 WHOLE = "46"  # of .ci/run
 
 
-def told(name, tier):
+def minutes_stated(name, tier):
     """Minutes that a file says of a tier: in a line with its command, or in the comment over its rule."""
     text = (ROOT / name).read_text(encoding="utf-8")
     line = rf"\bmake {tier}(?![-\w]).*?(at most )?(\w+) minutes" if name != "Makefile" else (
@@ -21,7 +21,7 @@ def told(name, tier):
 @pytest.mark.parametrize("name", ["README.md", "Makefile", "CONTRIBUTING.md"])
 @pytest.mark.parametrize("tier", MINUTES)
 def test_every_page_says_the_same(name, tier):
-    assert told(name, tier) == {(True, MINUTES[tier])}
+    assert minutes_stated(name, tier) == {(True, MINUTES[tier])}
 
 
 @pytest.mark.parametrize("name", [".ci/run", "CONTRIBUTING.md"])

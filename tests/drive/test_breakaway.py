@@ -24,7 +24,7 @@ def problem_for(motor, torque):
 
 
 @pytest.mark.parametrize("speed", [0.5, 5.0, 40.0])
-def test_a_run_down_is_that_of_a_general_solver(speed):
+def test_a_coast_down_is_that_of_a_general_solver(speed):
     motor = Motor(surplus=0.5 * Motor().coulomb, breakaway_speed=speed)
     angle, turning = motion(motor, lambda t: 0.0, 2240 * RPM, 0.0, 2.0)
     problem, values = problem_for(motor, np.zeros(len(angle)))

@@ -21,7 +21,7 @@ uncached_folder = code_folder.folder.__wrapped__  # without the cached result
 @pytest.fixture
 def places(monkeypatch, tmp_path):
     """Candidate places for the code: the requested folder, the user's cache, the temporary files."""
-    found = [(tmp_path / name).resolve() for name in ("asked", "cache", "temporary")]
+    found = [(tmp_path / name).resolve() for name in ("requested", "cache", "temporary")]
     for place in found:
         place.mkdir(0o700)
     monkeypatch.setenv("NUMBA_CACHE_DIR", str(found[0]))
@@ -182,7 +182,7 @@ def test_a_home_that_is_not_known_is_not_made_up(monkeypatch, places, tmp_path):
 
 def test_a_relative_folder_stays_where_it_is(monkeypatch, places, tmp_path):
     monkeypatch.chdir(tmp_path)
-    monkeypatch.setenv("NUMBA_CACHE_DIR", "asked")
+    monkeypatch.setenv("NUMBA_CACHE_DIR", "requested")
     assert uncached_folder() == places[0] and places[0].is_absolute()
 
 

@@ -23,7 +23,7 @@ GAP_ERROR_BOUND, FRICTION_ERROR_BOUND = 1e-7, 1e-4  # rad/s rms, required accura
 USUAL_ERROR_BOUND = 3e-9  # reached on records that do not amplify the rounding errors of either side
 
 HEAVY = Machine((0.6, 5.2), (0.3, 0.1), (), (0.0, 2.0), (3300.0,), (3.1,), (0.01,), rated_torque=200.0)
-LIGHT = changed(HEAVY, inertia=(4.8, 0.65))
+LIGHT_RIG = changed(HEAVY, inertia=(4.8, 0.65))
 LAWS = ("inside", "always")
 
 
@@ -32,7 +32,7 @@ LAWS = ("inside", "always")
 
 @pytest.mark.parametrize("law", LAWS)
 @pytest.mark.parametrize("half_gap", [2e-4, 2e-3, 10e-3, 75e-3])
-@pytest.mark.parametrize("machine", [HEAVY, LIGHT], ids=["heavy", "light"])
+@pytest.mark.parametrize("machine", [HEAVY, LIGHT_RIG], ids=["heavy", "light"])
 def test_gap(machine, half_gap, law):
     machine = changed(machine, half_gap=(half_gap,), law=law)
     error, events, located = compared(machine, levels(machine, 1000, 1))

@@ -151,15 +151,16 @@ def test_torque_noise_that_is_weak_where_it_is_slow_is_the_joint_normal_distribu
     calm, moved = (simulate_linear(machine, torque, STEP, begin, size * np.eye(n)[0]).speeds[:n, 0]
                    for size in (0.0, 1.0))
     answer = toeplitz(moved - calm, np.zeros(n))
-    kick = (slow - 1.0) * (1.0 - memory)
-    shape = toeplitz(np.append(1.0, kick * memory ** np.arange(n - 1)), np.eye(n)[0])
-    before = np.outer(*[memory ** np.arange(n)] * 2) * kick**2 / (1.0 - memory**2)
+    noise_gain = (slow - 1.0) * (1.0 - memory)
+    shape = toeplitz(np.append(1.0, noise_gain * memory ** np.arange(n - 1)), np.eye(n)[0])
+    before = np.outer(*[memory ** np.arange(n)] * 2) * noise_gain**2 / (1.0 - memory**2)
     whole = white * answer @ (shape @ shape.T + before) @ answer.T + sensor * np.eye(n)
     error = np.random.default_rng(3).normal(0.0, 0.02, n)
     plant = plant_of(drive_of(machine), ("motor_speed",), memory=memory)
     start, last = np.append(start_of(machine, plant)[:3], 0.0), np.eye(4)[3]
     passed = plant.filter(Trace(torque[:, None], (calm + error)[:, None], STEP), start, np.array([sensor]), white,
-                          np.zeros(4), np.diag(last * white * kick**2 / (1.0 - memory**2)), noise_input=last * kick)
+                          np.zeros(4), np.diag(last * white * noise_gain**2 / (1.0 - memory**2)),
+                          noise_input=last * noise_gain)
     found = np.sum(passed.innovations**2 / passed.variance + np.log(passed.variance))
     wanted = error @ np.linalg.solve(whole, error) + np.linalg.slogdet(whole)[1]
     assert found == pytest.approx(wanted, rel=1e-7)

@@ -65,7 +65,7 @@ def test_table_6_2(jm, jl, ks, hertz):
     assert modes_of("resonance", two_mass_drive(jm, jl, ks))[0].frequency_hz == pytest.approx(hertz, abs=0.06)
 
 
-def test_first_notch_of_the_robot_axis():
+def test_first_anti_resonance_of_the_robot_axis():
     drive = three_mass().with_values({
         "motor.inertia": 3.9e-4, "gear.inertia": 12.2, "arm.inertia": 6.3, "shaft.stiffness": 1.9e5,
         "shaft2.stiffness": 1.5e5, "shaft.ratio": 118.0, "shaft.damping": 168.0, "shaft2.damping": 12.0})

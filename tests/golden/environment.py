@@ -64,9 +64,9 @@ def pinned(lock: Path = places.LOCK) -> dict[str, str]:
 
 def installed() -> dict[str, str]:
     """Distribution -> version, of this process, but for what installs them, and the tool where it is developed."""
-    apart = ("pip", "setuptools", "wheel", "drivetool")
+    excluded = ("pip", "setuptools", "wheel", "drivetool")
     found = {each.metadata["Name"]: each.version for each in metadata.distributions()}
-    return {name: version for name, version in found.items() if _plain(name) not in apart}
+    return {name: version for name, version in found.items() if _plain(name) not in excluded}
 
 
 def check_versions(wanted: dict[str, str], found: dict[str, str]) -> None:

@@ -1,4 +1,4 @@
-"""Every example of the documents, as BASE has them: their text may change, the commands are what is asked."""
+"""Every example of the documents, as BASE has them: their text may change, their commands are compared."""
 
 from __future__ import annotations
 

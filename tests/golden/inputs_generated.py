@@ -104,7 +104,7 @@ def _structures() -> list[Made]:
         for criterion in ("auto", "innovations", "simulation", "inverse", "frequency"):
             free = " --free shaft.half_gap" if name == "gap" and criterion != "frequency" else ""
             words = {"simulation": " --segment 0.5", "frequency": " --band 1 120"}.get(criterion, "")
-            # The free motion of what is behind a shaft must have died away before the torque is asked for.
+            # The free motion of what is behind a shaft must have died away before the required torque is computed.
             damped = criterion == "inverse" and bodies > 1
             found.append(Made(f"structure-{name}-{criterion}", effects, bodies, [
                 f"{FIT} --criterion {criterion}{words}{free}", CHECK, SHOW],
@@ -149,7 +149,7 @@ def cases() -> list[Case]:
 
 
 def _plain(command: str, options: str) -> str:
-    """A grey-box fit with the words that keep it plain, unless it asks for friction itself."""
+    """A grey-box fit with the words that keep it plain, unless it estimates friction itself."""
     if not command.startswith("greybox ") or any(word in command for word in ("coulomb", "--free all", "stribeck")):
         return command
     return f"greybox{options}{command.removeprefix('greybox')}"

@@ -18,7 +18,7 @@ RIG = places.ROOT / "fixtures" / "rig"
 TWO = {"motor.inertia": 0.587, "motor.viscous": 0.000176, "load.inertia": 5.179, "load.viscous": 0.0017,
        "load.idle_torque": 15.14, "shaft.stiffness": 3310.0, "shaft.damping": 3.115}
 GAP = TWO | {"shaft.half_gap": 0.075, "converter.bandwidth": 433.0, "converter.dead_time": 0.002}
-ROUGH = TWO | {"motor.coulomb": 2.0, "load.coulomb": 4.0, "load.stribeck": 2.0, "load.stribeck_speed": 0.5,
+FRICTION = TWO | {"motor.coulomb": 2.0, "load.coulomb": 4.0, "load.stribeck": 2.0, "load.stribeck_speed": 0.5,
                "sensor.bandwidth": 500.0}
 LAWS = TWO | {"motor.drag": 1e-4, "shaft.hardening": 0.5, "shaft.hardening_twist": 0.06, "shaft.load_damping": 1e-3,
               "motor.viscous_asymmetry": 1e-4, "motor.ripple_sine": 1.0, "motor.ripple_order": 4.0}
@@ -57,7 +57,7 @@ def load_step() -> bytes:
 
 def cases() -> list[Case]:
     """Few commands a case, so that both workers have some."""
-    files = {"two.yaml": parameters(TWO), "gap.yaml": parameters(GAP), "rough.yaml": parameters(ROUGH),
+    files = {"two.yaml": parameters(TWO), "gap.yaml": parameters(GAP), "rough.yaml": parameters(FRICTION),
              "laws.yaml": parameters(LAWS), "one.yaml": parameters(ONE, "one-body"),
              "three.yaml": parameters(THREE, "three-mass"),
              "tandem.yaml": parameters(TANDEM, drive={"name": "tandem", "bodies": ["motor", "motor2", "load"]}),

@@ -166,10 +166,10 @@ def _entry(line: str, hidden: Collection[str]) -> str:
     at = _between(line, line.index("{") + 1)
     while line[at] != "}":
         key, at = decoder.raw_decode(line, at)
-        begun = _between(line, at)
-        _, at = decoder.raw_decode(line, begun)
+        start = _between(line, at)
+        _, at = decoder.raw_decode(line, start)
         if key in hidden:
-            found += [line[done:begun], "<key>" if key == KEY else _token(line[begun:at])]
+            found += [line[done:start], "<key>" if key == KEY else _token(line[start:at])]
             done = at
         at = _between(line, at)
     return "".join([*found, line[done:]])

@@ -1,4 +1,4 @@
-"""Prose, where alone numbers may be written otherwise and lines may break elsewhere, and how to tell it apart."""
+"""Prose, where alone numbers may be written otherwise and lines may break elsewhere, and how it is recognised."""
 
 from __future__ import annotations
 
@@ -117,14 +117,14 @@ def documented(text: str) -> list[Block]:
 def _ends(text: str) -> dict[int, int]:
     """Line -> the last line of the strings and of the lists and mappings in brackets that begin there."""
     found: dict[int, int] = {}
-    depth = begun = 0
+    depth = start = 0
     for event in list(yaml.parse(text, Loader=Loader)):
         first, last = event.start_mark.line, event.end_mark.line - (event.end_mark.column == 0)
         if isinstance(event, yaml.CollectionStartEvent) and event.flow_style:
-            begun, depth = begun if depth else first, depth + 1
+            start, depth = start if depth else first, depth + 1
         elif isinstance(event, yaml.CollectionEndEvent) and depth:
             depth -= 1
-            found[begun] = max(found.get(begun, begun), last)
+            found[start] = max(found.get(start, start), last)
         elif isinstance(event, yaml.ScalarEvent) and not depth:
             found[first] = max(found.get(first, first), last)
     return found

@@ -1,11 +1,11 @@
-"""How a difference is shown."""
+"""How a difference is printed."""
 
 from __future__ import annotations
 
 import difflib
 import math
 
-SHOWN = 8  # differences of one file that are shown
+MAX_DIFFERENCES = 8  # differences of one file that are printed
 
 
 def short(value: object) -> str:
@@ -30,7 +30,7 @@ def lines(old: str, new: str) -> list[str]:
              if not line.startswith(("---", "+++", "@@"))]
     if not found:
         return ["ends of lines differ"]
-    return first(list(map(short, found)), 2 * SHOWN)
+    return first(list(map(short, found)), 2 * MAX_DIFFERENCES)
 
 
 def first(lines: list[str], count: int) -> list[str]:

@@ -1,4 +1,4 @@
-"""What can be asked for."""
+"""The tasks of the command line."""
 
 from __future__ import annotations
 
@@ -40,17 +40,17 @@ def golden(base: str, patterns: Sequence[str]) -> int:
     commit = places.head_of_clean_tree()
     cases = chosen(inputs.all_cases(base), patterns)
     old, new = (run.run_all(cases, each) for each in (base, commit))
-    return told(base, commit, cases, old, new)
+    return report(base, commit, cases, old, new)
 
 
 def again(commit: str, cases: Sequence[Case]) -> int:
     """A commit and itself: whether its results are the same every time."""
     old = run.run_all(cases, commit)
     new = run.run_all(cases, commit, again=True, place=old.with_name(f"{old.name}-again"))
-    return told(commit, commit, cases, old, new)
+    return report(commit, commit, cases, old, new)
 
 
-def told(base: str, commit: str, cases: Sequence[Case], old: Path, new: Path) -> int:
+def report(base: str, commit: str, cases: Sequence[Case], old: Path, new: Path) -> int:
     """Print what differs, and keep it in a file."""
     masks = Masks((version(base), version(commit)), renamed())
     found = compare.compare(cases, old, new, masks)

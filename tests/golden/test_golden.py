@@ -233,23 +233,23 @@ def test_a_rename_that_was_not_carried_out_is_found(tmp_path):
 
 @pytest.fixture
 def toys(tmp_path, monkeypatch):
-    """Two toy results and two toy trees, and how to tell what differs of them."""
+    """Two toy results and two toy trees, and the comparison of them."""
     monkeypatch.setenv("DRIVETOOL_GOLDEN", str(tmp_path))
     monkeypatch.setattr(environment, "tree", lambda commit: tmp_path / "trees" / commit)
     monkeypatch.setattr(tasks, "version", lambda _: "0.2.0")
 
-    def told(new=None, schema='{"title": "A fit"}'):
+    def compared_trees(new=None, schema='{"title": "A fit"}'):
         for commit, each, text in (("old", result(), '{"title": "A fit"}'), ("new", new or result(), schema)):
             each.write(tmp_path / commit / f"{CASE.key}.zip")
             place = tmp_path / "trees" / commit / "schemas" / "fit.json"
             place.parent.mkdir(parents=True, exist_ok=True)
             place.write_text(text)
-        return tasks.told("old", "new", [CASE], tmp_path / "old", tmp_path / "new")
+        return tasks.report("old", "new", [CASE], tmp_path / "old", tmp_path / "new")
 
-    return told
+    return compared_trees
 
 
-def test_what_differs_in_a_result_or_a_schema_is_told_and_gives_exit_code_1(toys, tmp_path, capsys):
+def test_what_differs_in_a_result_or_a_schema_is_reported_and_gives_exit_code_1(toys, tmp_path, capsys):
     assert toys() == 0
     said = capsys.readouterr().out
     assert "1 cases, 1 commands, 6 files, 1 schemas; 0 differences" in said
@@ -263,7 +263,7 @@ def test_what_differs_in_a_result_or_a_schema_is_told_and_gives_exit_code_1(toys
     assert (tmp_path / "report.txt").read_text() in said
 
 
-def test_a_schema_that_one_tree_lacks_is_told(toys, tmp_path, capsys):
+def test_a_schema_that_one_tree_lacks_is_reported(toys, tmp_path, capsys):
     toys()
     (tmp_path / "trees" / "new" / "schemas" / "more.json").write_text("{}")
     assert toys() == 1
@@ -290,11 +290,11 @@ def test_a_renamed_code_is_no_part_of_a_longer_one():
 
 
 def test_the_variable_parts_of_a_renamed_sentence_stay_as_they_are():
-    known = masks.Masks(renamed={"{1} is told by {2*} of 7": "{2*} of 7 identify {1}", "no {1}": "not one {1}"})
-    text = known.apply("tip.inertia is\n  told by 3.5 s and\nmore of 7.")
+    known = masks.Masks(renamed={"{1} is given by {2*} of 7": "{2*} of 7 identify {1}", "no {1}": "not one {1}"})
+    text = known.apply("tip.inertia is\n  given by 3.5 s and\nmore of 7.")
     assert text == "3.5 s and\nmore of 7 identify tip.inertia."
     assert known.apply("no 0.7, no-one") == "not one 0.7, no-one"
-    assert known.apply("motor.inertia is told") == "motor.inertia is told"
+    assert known.apply("motor.inertia is given") == "motor.inertia is given"
 
 
 def test_a_case_runs_and_keeps_what_each_command_gave(tmp_path):
@@ -392,7 +392,7 @@ def test_base_is_a_commit_and_the_cases_are_chosen_by_name():
     assert tasks.chosen(cases, []) == cases
 
 
-def test_what_is_asked_of_both_sides_does_not_know_the_product():
+def test_the_comparison_does_not_import_the_product():
     paths = sorted(Path(compare.__file__).parent.glob("*.py"))
     assert {"compare.py", "masks.py", "values.py"} <= {path.name for path in paths}
     for path in paths:

@@ -14,7 +14,7 @@ import yaml
 
 from tests.golden.masks import Masks, without_costs
 from tests.golden.sentences import Loader, documented, is_sentence, printed, same_blocks, same_sentence
-from tests.golden.shown import SHOWN, first, lines, relative, short
+from tests.golden.shown import MAX_DIFFERENCES, first, lines, relative, short
 from tests.golden.tables import tables
 
 STDOUT = "stdout"
@@ -54,7 +54,7 @@ def texts(name: str, old: str, new: str, masks: Masks) -> list[str]:
     if trees is not None:
         found = list(_unequal(_masked(trees[0], masks.uncounted()), trees[1], masks))
         if found:
-            return first(found, SHOWN)
+            return first(found, MAX_DIFFERENCES)
     elif name != STDOUT:
         return lines(before, after)
     blocks = documented if trees is not None else printed

@@ -61,9 +61,9 @@ class Case:
 
     rig       the machine without its hidden effects
     machine   with them, and what its logger does
-    hidden    the effects, in the order asked for
+    hidden    the effects, in the requested order
     records   to work on; holdout: of the same machine, for the gain
-    asked     the arguments it was made with
+    arguments the arguments it was made with
     """
 
     rig: Rig
@@ -73,10 +73,10 @@ class Case:
     noise: Noise
     records: tuple[Record, ...]
     holdout: tuple[Record, ...]
-    asked: Mapping[str, object]
+    arguments: Mapping[str, object]
 
     def write(self, folder: Path, labels: Path, visibility: bool = True) -> tuple[list[Path], list[Path]]:
-        """Record files into `folder`, and label.json into `labels`, which no tool is told of.
+        """Record files into `folder`, and label.json into `labels`, which no tool reads.
 
         returns  (record files, held-out files)
         """
@@ -111,7 +111,7 @@ class Case:
             "causes": [CODES[h.code] for h in self.hidden],
             "effects": [{"code": CODES[h.code], "kind": h.code, "size": h.size,
                          "size_is": KINDS[h.code].size, "truth": dict(h.truth)} for h in self.hidden],
-            "plain": plain_values(self.rig), "asked": dict(self.asked)}
+            "plain": plain_values(self.rig), "arguments": dict(self.arguments)}
         if visibility:
             label["visibility"] = {
                 "all": visible(self, ()).number if self.hidden else 0.0,
@@ -152,14 +152,14 @@ def make_case(effects: str | Sequence[str], machine_seed: int, record: str = "re
         raise ValueError(f"one body: wanted sensors of the motor, found {', '.join(sensors)}")
     rig = rig_by_seed(machine_seed, bodies, linear, known, duration)
     machine, logger, hidden = add_effects(codes, rig, size, machine_seed + 1000003 * seed)
-    noises = noise_of(rig, sensors, noise, coloured)
-    made = [record_of(f"record{i + 1}", rig, machine, logger, noises, record, [seed, i])
+    noise_levels = noise_of(rig, sensors, noise, coloured)
+    working_records = [record_of(f"record{i + 1}", rig, machine, logger, noise_levels, record, [seed, i])
             for i in range(records)]
-    held = record_of("holdout", rig, machine, logger, noises, record, [seed, 10**6])
-    asked = {"effects": codes, "machine_seed": machine_seed, "record": record, "sensors": list(sensors),
-             "noise": noise, "seed": seed, "bodies": bodies, "linear": linear, "records": records,
-             "coloured": coloured, "duration": duration}
-    return Case(rig, machine, logger, hidden, noises, tuple(made), (held,), asked)
+    holdout = record_of("holdout", rig, machine, logger, noise_levels, record, [seed, 10**6])
+    arguments = {"effects": codes, "machine_seed": machine_seed, "record": record, "sensors": list(sensors),
+                 "noise": noise, "seed": seed, "bodies": bodies, "linear": linear, "records": records,
+                 "coloured": coloured, "duration": duration}
+    return Case(rig, machine, logger, hidden, noise_levels, tuple(working_records), (holdout,), arguments)
 
 
 def add_effects(codes: Sequence[str], rig: Rig, size, seed: int, start: Machine | None = None):
@@ -190,16 +190,16 @@ def record_of(name: str, rig: Rig, machine: Machine, logger: Logger, noise: Nois
     streams = np.random.default_rng([*seed, 15485863]).spawn(3)
     size = len(plan.torque)
     disturbance = noise.torque * streams[0].standard_normal(size)
-    disturbance += noise.coloured * _remembering(streams[0].standard_normal(size), noise.memory)
+    disturbance += noise.coloured * _coloured_noise(streams[0].standard_normal(size), noise.memory)
     draws = {role: streams[1].standard_normal(size) for role in ROLES}
     noises = {role: std * draws[role] for role, std in noise.sensors.items()}
     start = plan.start
     if machine.bodies > rig.machine.bodies:
         start = replace(start, speeds=(*start.speeds, start.speeds[-1]), twists=(*start.twists, 0.0))
-    seen = noises.get("motor_speed", nominal_speed_noise(rig) * draws["motor_speed"])
+    speed_noise = noises.get("motor_speed", nominal_speed_noise(rig) * draws["motor_speed"])
     run = simulate_fast(machine, plan.torque, STEP, start, plan.controller, disturbance,
-                        sensor_noise=seen)
-    clean = {"motor_speed": run.measured - seen, **sensors_of(run, rig.machine.bodies)}
+                        sensor_noise=speed_noise)
+    clean = {"motor_speed": run.measured - speed_noise, **sensors_of(run, rig.machine.bodies)}
     logged = {"motor_torque": run.command} | {role: clean[role] + noises[role] for role in noises}
     logged = logged_values(logger, logged, streams[2])
     return Record(name, run, logged, {**noises, "torque": disturbance}, tuple(seed))
@@ -230,11 +230,11 @@ def logged_values(logger: Logger, values: Mapping[str, np.ndarray], rng) -> dict
     return found
 
 
-def _remembering(white: np.ndarray, memory: float) -> np.ndarray:
+def _coloured_noise(white: np.ndarray, memory: float) -> np.ndarray:
     """First-order noise of unit variance that forgets within `memory` samples."""
-    keep = np.exp(-1.0 / memory)
+    pole = np.exp(-1.0 / memory)
     out, last = np.empty_like(white), white[0]
     for i, value in enumerate(white):
-        last = keep * last + np.sqrt(1.0 - keep * keep) * value if i else value
+        last = pole * last + np.sqrt(1.0 - pole * pole) * value if i else value
         out[i] = last
     return out

@@ -1,4 +1,4 @@
-"""The tool at its process boundary, and what its answer is worth against the label.
+"""The tool at its process boundary, and the grade of its answer against the label.
 
 The process sees a folder of records and a start file; labels lie elsewhere.
 """
@@ -23,7 +23,7 @@ CommandRunner = Callable[[Path, Sequence[object]], subprocess.CompletedProcess]
 class Answer:
     """What diagnose said.
 
-    verdict    one of VERDICTS, or "failed" with what it printed in `talk`
+    verdict    one of VERDICTS, or "failed" with what it printed in `stderr`
     causes, between  effect codes
     gain       as in the file; candidates: one mapping per candidate
     parameters name -> section of the extended file; rule, facts: what made the verdict
@@ -54,7 +54,7 @@ def greybox_and_diagnose(folder: Path, logs: Sequence[Path], start: Path, option
     """greybox, then diagnose.
 
     folder   with the records; base.yaml and extended.yaml appear in it
-    options  for greybox; more: for diagnose, as --candidates or --holdout; running: `run` or something like it
+    options  for greybox; more: for diagnose, as --candidates or --holdout; runner: `run` or a stand-in
     """
     names = [Path(log).name for log in logs]
     done = runner(folder, ["greybox", *names, "--params", Path(start).name, "--out", "base.yaml", *options])
@@ -67,7 +67,7 @@ def greybox_and_diagnose(folder: Path, logs: Sequence[Path], start: Path, option
     return read(folder / "extended.yaml", done.stderr)
 
 
-def read(path: Path, talk: str = "") -> Answer:
+def read(path: Path, stderr: str = "") -> Answer:
     """The answer in an extended parameter file."""
     content = yaml.safe_load(Path(path).read_text())
     found = content.get("diagnosis") or {}
@@ -75,7 +75,7 @@ def read(path: Path, talk: str = "") -> Answer:
         return Answer("failed", stderr=f"no verdict in {Path(path).name}: {found.get('verdict')!r}")
     return Answer(found["verdict"], tuple(found.get("causes") or ()), tuple(found.get("between") or ()),
                   dict(found.get("gain") or {}), tuple(found.get("candidates") or ()),
-                  dict(content.get("parameters") or {}), talk, found.get("rule", ""),
+                  dict(content.get("parameters") or {}), stderr, found.get("rule", ""),
                   dict(found.get("facts") or {}))
 
 

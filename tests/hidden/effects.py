@@ -33,7 +33,7 @@ class Logger:
 class HiddenEffect:
     """One hidden effect of a machine.
 
-    code, size  as asked for
+    code, size  as requested
     machine     with the effect
     logger      with the effect
     truth       parameter -> value in SI
@@ -87,7 +87,7 @@ def _law(machine: Machine, **changes) -> Machine:
     return replace(machine, effects=replace(machine.effects, **changes))
 
 
-def _at(values, index: int, value: float, size: int, neutral: float) -> tuple[float, ...]:
+def _with_value(values, index: int, value: float, size: int, neutral: float) -> tuple[float, ...]:
     """A tuple with one value replaced; index -1 is the last."""
     values = list(values or (neutral,) * size)
     values[index] = value
@@ -100,14 +100,14 @@ def _owner(rig: Rig, index: int) -> str:
 
 def _backlash(rig, machine, logger, size, _rng):
     gap = size * rig.rated / machine.stiffness[0]
-    return (replace(machine, half_gap=_at(machine.half_gap, 0, gap, machine.bodies - 1, 0.0)), logger,
+    return (replace(machine, half_gap=_with_value(machine.half_gap, 0, gap, machine.bodies - 1, 0.0)), logger,
             {"shaft.half_gap": gap})
 
 
 def _coulomb(index):
     def change(rig, machine, logger, size, _rng):
         level = size * rig.rated
-        return (replace(machine, coulomb=_at(machine.coulomb, index, level, machine.bodies, 0.0)), logger,
+        return (replace(machine, coulomb=_with_value(machine.coulomb, index, level, machine.bodies, 0.0)), logger,
                 {f"{_owner(rig, index)}.coulomb": level})
     return change
 
@@ -116,8 +116,8 @@ def _stribeck(index):
     def change(rig, machine, logger, size, rng):
         extra, speed, n = size * rig.rated, rng.uniform(0.03, 0.12) * rig.top, machine.bodies
         owner, coulomb = _owner(rig, index), machine.coulomb[index]
-        law = {"stribeck": _at(machine.effects.stribeck, index, extra, n, 0.0),
-               "stribeck_speed": _at(machine.effects.stribeck_speed, index, speed, n, 1.0)}
+        law = {"stribeck": _with_value(machine.effects.stribeck, index, extra, n, 0.0),
+               "stribeck_speed": _with_value(machine.effects.stribeck_speed, index, speed, n, 1.0)}
         return _law(machine, **law), logger, {
             f"{owner}.coulomb": coulomb, f"{owner}.breakaway": coulomb + extra,
             f"{owner}.stribeck_speed": speed}
@@ -127,10 +127,10 @@ def _stribeck(index):
 def _asymmetric(rig, machine, logger, size, _rng):
     extra, n, e = size * rig.rated, machine.bodies, machine.effects
     viscous, coulomb = machine.viscous[0] + extra / rig.top, machine.coulomb[0] + 0.5 * extra
-    law = _law(machine, viscous_back=_at(e.viscous_back, 0, machine.viscous[0], n, math.nan),
-               coulomb_back=_at(e.coulomb_back, 0, machine.coulomb[0], n, math.nan))
-    changed = replace(law, viscous=_at(machine.viscous, 0, viscous, n, 0.0),
-                      coulomb=_at(machine.coulomb, 0, coulomb, n, 0.0))
+    law = _law(machine, viscous_back=_with_value(e.viscous_back, 0, machine.viscous[0], n, math.nan),
+               coulomb_back=_with_value(e.coulomb_back, 0, machine.coulomb[0], n, math.nan))
+    changed = replace(law, viscous=_with_value(machine.viscous, 0, viscous, n, 0.0),
+                      coulomb=_with_value(machine.coulomb, 0, coulomb, n, 0.0))
     return changed, logger, {
         "motor.viscous": viscous, "motor.viscous_back": machine.viscous[0],
         "motor.coulomb": coulomb, "motor.coulomb_back": machine.coulomb[0]}
@@ -138,7 +138,7 @@ def _asymmetric(rig, machine, logger, size, _rng):
 
 def _quadratic(rig, machine, logger, size, _rng):
     drag = size * rig.rated / rig.top**2
-    return (_law(machine, quadratic=_at(machine.effects.quadratic, -1, drag, machine.bodies, 0.0)), logger,
+    return (_law(machine, quadratic=_with_value(machine.effects.quadratic, -1, drag, machine.bodies, 0.0)), logger,
             {f"{_owner(rig, -1)}.quadratic_drag": drag})
 
 
@@ -146,31 +146,31 @@ def _hardening(rig, machine, logger, size, rng):
     power, n = float(rng.choice([1.0, 1.5, 2.0, 2.0, 3.0])), machine.bodies - 1
     twist = rig.rated / machine.stiffness[0] / size ** (1.0 / power) if size > 0 else math.inf
     e = machine.effects
-    return _law(machine, hardening_twist=_at(e.hardening_twist, 0, twist, n, math.inf),
-                hardening_power=_at(e.hardening_power, 0, power, n, 2.0)), logger, {
+    return _law(machine, hardening_twist=_with_value(e.hardening_twist, 0, twist, n, math.inf),
+                hardening_power=_with_value(e.hardening_power, 0, power, n, 2.0)), logger, {
         "shaft.hardening_twist": twist, "shaft.hardening_power": power}
 
 
 def _load_dependent_damping(rig, machine, logger, size, _rng):
     torque = rig.rated / size if size > 0 else math.inf
-    damping = _at(machine.effects.damping_torque, 0, torque, machine.bodies - 1, math.inf)
+    damping = _with_value(machine.effects.damping_torque, 0, torque, machine.bodies - 1, math.inf)
     return _law(machine, damping_torque=damping), logger, {"shaft.damping_torque": torque}
 
 
 def _third_mass(rig, machine, logger, size, rng):
-    times, zeta = rng.uniform(1.5, 3.0), rng.uniform(0.01, 0.03)
+    inertia_share, zeta = rng.uniform(1.5, 3.0), rng.uniform(0.01, 0.03)
     share = max(size, 1e-6)
     last = machine.inertia[-1]
     first, second = last * (1.0 - share), last * share
-    hertz = times * max(resonances(rig.machine))
+    hertz = inertia_share * max(resonances(rig.machine))
     reduced = first * second / last
     stiffness = reduced * (2.0 * math.pi * hertz) ** 2
     damping = 2.0 * zeta * reduced * 2.0 * math.pi * hertz
     n, e = machine.bodies, machine.effects
 
-    def longer(values, value):
+    def with_third_mass(values, value):
         return (*values, value) if values else ()
-    e = replace(e, **{name: longer(getattr(e, name), neutral) for name, neutral in (
+    e = replace(e, **{name: with_third_mass(getattr(e, name), neutral) for name, neutral in (
         ("stribeck", 0.0), ("stribeck_speed", 1.0), ("stribeck_power", 2.0), ("coulomb_back", math.nan),
         ("viscous_back", math.nan), ("quadratic", 0.0), ("hardening_twist", math.inf), ("hardening_power", 2.0),
         ("damping_torque", math.inf))})

@@ -20,7 +20,7 @@ KINDS = ("reversing", "one-directional", "closed-loop", "moves", "cruise", "chir
 
 @dataclass(frozen=True)
 class Profile:
-    """What the drive is told to do.
+    """The commands of the drive.
 
     torque      (n,) [Nm]; with a controller what is added to its output
     controller  PI or None
@@ -47,18 +47,18 @@ def profile(kind: str, rig: Rig, seed: int) -> Profile:
     rng = np.random.default_rng([seed, KINDS.index(kind), 104729])
     size = round(rig.duration / STEP)
     if kind == "closed-loop":
-        return _closed(rig, rng, size)
+        return _closed_loop(rig, rng, size)
     if kind in ("moves", "cruise"):
-        return _under_control(rig, _stops(rig, rng, size, kind == "cruise"), np.zeros(size), rng)
+        return _speed_controlled(rig, _moves_or_levels(rig, rng, size, kind == "cruise"), np.zeros(size), rng)
     if kind == "steps":
         return Profile(_rounded(rig, _steps(rig, rng, size)), None, running(rig.machine, 0.0))
     if kind in ("chirp", "binary"):
-        speed = _swaying(rig, rng, size)
+        speed = _slow_sine(rig, rng, size)
         extra = _chirp(rig, size) if kind == "chirp" else _binary(rig, rng, size)
-        torque = _follow(rig, speed) + 0.08 * rig.rated * extra
+        torque = _rigid_body_torque(rig, speed) + 0.08 * rig.rated * extra
         return Profile(_rounded(rig, torque), None, running(rig.machine, float(speed[0])))
-    speed, strength = (_reversing if kind == "reversing" else _upward)(rig, rng, size)
-    torque = _follow(rig, speed) + strength * rig.rated * _broadband(rig, rng, size)
+    speed, strength = (_reversing if kind == "reversing" else _one_directional)(rig, rng, size)
+    torque = _rigid_body_torque(rig, speed) + strength * rig.rated * _broadband(rig, rng, size)
     return Profile(_rounded(rig, torque), None, running(rig.machine, float(speed[0])))
 
 
@@ -68,7 +68,7 @@ def _rounded(rig: Rig, torque: np.ndarray) -> np.ndarray:
     return np.round(torque / count) * count
 
 
-def _follow(rig: Rig, speed: np.ndarray) -> np.ndarray:
+def _rigid_body_torque(rig: Rig, speed: np.ndarray) -> np.ndarray:
     """(n,) torque that takes the rigid machine along a speed."""
     m = rig.machine
     rate = np.diff(speed, append=speed[-1]) / STEP
@@ -100,18 +100,18 @@ def _reversing(rig: Rig, rng, size: int):
     while knots[-1] < end:
         levels = rng.permutation([0.15, 0.3, 0.55, 0.8])
         for level, strength in zip(levels, (0.04, 0.1, 0.15, 0.07), strict=True):
-            way = -1.0 if values[-1] > 0.0 else 1.0
-            go(way * level * top, rng.uniform(0.15, 0.6), rng.uniform(0.1, 0.3), strength)
-        for way in (1, -1, 1, -1):
-            slow = way * rng.uniform(0.04, 0.1) * top
+            direction = -1.0 if values[-1] > 0.0 else 1.0
+            go(direction * level * top, rng.uniform(0.15, 0.6), rng.uniform(0.1, 0.3), strength)
+        for direction in (1, -1, 1, -1):
+            slow = direction * rng.uniform(0.04, 0.1) * top
             go(slow, rng.uniform(0.1, 0.2), rng.uniform(0.1, 0.3), 0.015)
         for preload in rng.permutation([0.1, 0.25, 0.45]):
-            way = -1.0 if values[-1] > 0.0 else 1.0
-            go(way * min(0.9, 1.2 * preload) * top, preload, 0.05, 0.05)
+            direction = -1.0 if values[-1] > 0.0 else 1.0
+            go(direction * min(0.9, 1.2 * preload) * top, preload, 0.05, 0.05)
     return _interpolated(knots, values, strengths, size)
 
 
-def _upward(rig: Rig, rng, size: int):
+def _one_directional(rig: Rig, rng, size: int):
     """(speed, strength): levels of one direction."""
     top, knots, values = rig.top, [0.0, 0.3], [1.0 * rig.top, 1.0 * rig.top]
     strengths = [(0.0, 0.05)]
@@ -126,11 +126,11 @@ def _upward(rig: Rig, rng, size: int):
 
 def _interpolated(knots, values, strengths, size):
     time = np.arange(size) * STEP
-    when, strength = np.array(strengths).T
-    return np.interp(time, knots, values), strength[np.searchsorted(when, time, side="right") - 1]
+    times, strength = np.array(strengths).T
+    return np.interp(time, knots, values), strength[np.searchsorted(times, time, side="right") - 1]
 
 
-def _closed(rig: Rig, rng, size: int) -> Profile:
+def _closed_loop(rig: Rig, rng, size: int) -> Profile:
     """Trapezoids of both directions under a speed controller, with a torque dither."""
     total, seed = sum(rig.machine.inertia), int(rng.integers(2**31))
     reference = trapezoids(0.6 * rig.top, 0.8, rng.uniform(0.25, 0.4), size * STEP, STEP, seed, 5)[:size]
@@ -141,7 +141,7 @@ def _closed(rig: Rig, rng, size: int) -> Profile:
     return Profile(_rounded(rig, dither), pi, start)
 
 
-def _under_control(rig: Rig, reference: np.ndarray, extra: np.ndarray, rng) -> Profile:
+def _speed_controlled(rig: Rig, reference: np.ndarray, extra: np.ndarray, rng) -> Profile:
     """A reference under a speed controller."""
     gain = rng.uniform(4.0, 10.0) * sum(rig.machine.inertia)
     start = running(rig.machine, float(reference[0]))
@@ -149,7 +149,7 @@ def _under_control(rig: Rig, reference: np.ndarray, extra: np.ndarray, rng) -> P
                    start)
 
 
-def _stops(rig: Rig, rng, size: int, cruise: bool) -> np.ndarray:
+def _moves_or_levels(rig: Rig, rng, size: int, cruise: bool) -> np.ndarray:
     """(n,) speed with limited jerk: levels and stops between them, or levels of one sign."""
     level = rig.top if cruise else 0.0
     knots, values = [0.0, 0.2], [level, level]
@@ -181,7 +181,7 @@ def _steps(rig: Rig, rng, size: int) -> np.ndarray:
     return torque
 
 
-def _swaying(rig: Rig, rng, size: int) -> np.ndarray:
+def _slow_sine(rig: Rig, rng, size: int) -> np.ndarray:
     """(n,) a slow sine of the speed, at times beside a level."""
     phase = 2.0 * np.pi * rng.uniform(0.1, 0.3) * np.arange(size) * STEP + rng.uniform(0.0, 2.0 * np.pi)
     return rig.top * (0.7 * np.sin(phase) + (1.0 if rng.uniform() < 0.3 else 0.0))

@@ -57,8 +57,8 @@ def resonances(machine: Machine) -> list[float]:
     n = machine.bodies
     stiffness = np.zeros((n, n))
     for k, (ks, ratio) in enumerate(zip(machine.stiffness, machine.ratio, strict=True)):
-        way = np.array([1.0 / ratio, -1.0])
-        stiffness[k:k + 2, k:k + 2] += ks * np.outer(way, way)
+        row = np.array([1.0 / ratio, -1.0])
+        stiffness[k:k + 2, k:k + 2] += ks * np.outer(row, row)
     root = 1.0 / np.sqrt(np.array(machine.inertia))
     squares = np.linalg.eigvalsh(stiffness * np.outer(root, root))
     return [math.sqrt(max(s, 0.0)) / 2.0 / math.pi for s in squares[1:]]
@@ -79,13 +79,13 @@ def rig_by_seed(seed: int, bodies: int = 2, linear: bool = False,
     zeta = 0.01 * 10.0 ** rng.uniform(0.0, 1.0)
     gain = rng.uniform(2.0, 8.0) if linear else rng.uniform(20.0, 80.0)
     friction, idle = rng.uniform(0.02, 0.08), rng.uniform(0.02, 0.1)
-    middle, second = rng.uniform(0.3, 0.7), rng.uniform(1.8, 3.0)
+    gear_share, second_stiffness = rng.uniform(0.3, 0.7), rng.uniform(1.8, 3.0)
     inertia = {1: (motor * (1.0 + ratio),), 2: (motor, motor * ratio),
-               3: (motor, motor * ratio * middle, motor * ratio * (1.0 - middle))}[bodies]
+               3: (motor, motor * ratio * gear_share, motor * ratio * (1.0 - gear_share))}[bodies]
     total = sum(inertia)
     rated, top = total * gain, 0.5 * gain
     viscous = tuple(friction * rated / top * j / total for j in inertia)
-    stiffness, damping = _shafts(inertia, hertz, second, zeta)
+    stiffness, damping = _shafts(inertia, hertz, second_stiffness, zeta)
     level = [0.0] * bodies
     for index, share in (coulomb or {}).items():
         level[index] = rated * share
@@ -94,14 +94,14 @@ def rig_by_seed(seed: int, bodies: int = 2, linear: bool = False,
     return Rig(machine, top, 0.02 if linear else 1.0, linear, duration)
 
 
-def _shafts(inertia, hertz, second, zeta):
+def _shafts(inertia, hertz, second_stiffness, zeta):
     """Stiffnesses that put the lowest resonance at `hertz`, and damping of `zeta` there.
 
     second  stiffness of a second shaft over that of the first
     """
     if len(inertia) == 1:
         return (), ()
-    shape = (1.0, second)[: len(inertia) - 1]
+    shape = (1.0, second_stiffness)[: len(inertia) - 1]
     lowest = resonances(Machine(inertia, stiffness=shape))[0]
     scale = (hertz / lowest) ** 2
     stiffness = tuple(s * scale for s in shape)

@@ -14,7 +14,7 @@ if TYPE_CHECKING:
     from tests.hidden.case import Case
 
 DRIVES = {1: "one-body", 2: "two-mass", 3: "three-mass"}
-OFF = 0.15
+MAX_START_ERROR = 0.15
 
 
 def plain_values(rig: Rig) -> dict[str, float]:
@@ -33,14 +33,14 @@ def plain_values(rig: Rig) -> dict[str, float]:
     return {name: float(value) for name, value in values.items()}
 
 
-def write_start(case: Case, folder: Path, off: float = OFF, seed: int = 0) -> Path:
+def write_start(case: Case, folder: Path, max_error: float = MAX_START_ERROR, seed: int = 0) -> Path:
     """start.yaml with the plain parameters, each off by a random share of up to `off`.
 
     returns  its path; start from it with `greybox --params start.yaml` and `greybox_options`
     """
     torque, motion = case.rig.units
-    rng = np.random.default_rng([seed, int(case.asked["machine_seed"]), 32452843])
-    values = {name: float(f"{value * (1.0 + off * rng.uniform(-1.0, 1.0)):.4g}")
+    rng = np.random.default_rng([seed, int(case.arguments["machine_seed"]), 32452843])
+    values = {name: float(f"{value * (1.0 + max_error * rng.uniform(-1.0, 1.0)):.4g}")
               for name, value in plain_values(case.rig).items()}
     content = {"schema": "drivetool/parameters/1",
                "drive": {"name": DRIVES[case.rig.machine.bodies], "torque_unit": torque,

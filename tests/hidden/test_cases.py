@@ -127,7 +127,7 @@ def test_noise_is_nominal_on_the_rig_of_200_nm():
                                record.run.shaft_torques[:, 0], atol=1e-12)
 
 
-def test_loggers_do_what_they_are_told():
+def test_loggers_distort_as_specified():
     def error(code, role, **more):
         case = make_case(code, 5, **SHORT, **more)
         record = case.records[0]
@@ -212,16 +212,16 @@ def test_what_the_plain_parameters_can_imitate_is_not_visible():
     other = visible(case, (), (replace(case.records[0], run=moved),))
     assert other.number < 1e-3 and other.before > 10.0
     # A tiny stiff third mass is nearly a heavier load, unless the load is looked at.
-    hidden, shown = (visible(make_case("third-mass", 2, size=0.05, sensors=sensors, **SHORT))
+    masked_case, visible_case = (visible(make_case("third-mass", 2, size=0.05, sensors=sensors, **SHORT))
                      for sensors in (("motor_speed",), ("motor_speed", "load_speed")))
-    assert hidden.number < 0.1 * hidden.before and hidden.number < shown.number
+    assert masked_case.number < 0.1 * masked_case.before and masked_case.number < visible_case.number
     # Of a friction that depends on the direction, one direction shows an ordinary one.
     forward = visible(make_case("asymmetric-friction", 2, record="one-directional", noise="loud", **SHORT))
     assert forward.number < 0.01 < 10.0 < forward.before
 
 
 @pytest.mark.slow
-def test_more_data_shows_more_and_pairs_are_told_apart():
+def test_more_data_shows_more_and_pairs_are_distinguished():
     case = make_case("quadratic-drag", 2, size=0.005, records=2, **SHORT)
     alone = [visible(case, (), (record,)).number for record in case.records]
     both = visible(case).number
@@ -305,23 +305,23 @@ def test_study_goes_on_where_it_stopped(tmp_path, monkeypatch):
     plans = [study_diagnose.Plan("effect", f"effect/{code}/0", (code,), {"machine_seed": 2, **short})
              for code in ("quadratic-drag", "coulomb-motor")]
     plans += [study_diagnose.Plan("none", f"none/{i}", (), {"machine_seed": i, **short}) for i in range(3)]
-    asked = []
+    folder_contents = []
 
-    def asking(folder, logs, start, options, more):
-        asked.append(sorted(p.name for p in folder.iterdir()))
-        verdict = "named" if len(asked) == 1 else "nothing-found"
+    def diagnosing(folder, logs, start, options, more):
+        folder_contents.append(sorted(p.name for p in folder.iterdir()))
+        verdict = "named" if len(folder_contents) == 1 else "nothing-found"
         return Answer(verdict, ("quadratic-drag",) * (verdict == "named"), (), {"rmse_gain_ci95": [0.3, 0.5]},
                       ({"code": "quadratic-drag", "round": 1, "smallest": {"motor.drag": {"value": 1e-3}}},))
 
     monkeypatch.setattr(study_diagnose, "fresh_error", lambda *words: {"base": 0.5, "extended": 0.1}[words[2][:-5]])
     path = tmp_path / "build" / "rows.jsonl"
-    first = study_diagnose.study(plans[:2], path, 1, asking)
+    first = study_diagnose.study(plans[:2], path, 1, diagnosing)
     assert [row["grade"] for row in first] == ["right", "missed"] and first[0]["visibility"] > 10.0
-    assert asked[0] == ["holdout.parquet", "record1.parquet", "start.yaml"]
+    assert folder_contents[0] == ["holdout.parquet", "record1.parquet", "start.yaml"]
     path.write_text(path.read_text()[:-40])  # Interrupted while writing: the second is run again.
-    found = study_diagnose.study(plans, path, 1, asking)
-    assert len(asked) == 2 + 1 + 3 and len(found) == 5
-    assert len(study_diagnose.study(plans, path, 1, asking)) == 5 and len(asked) == 6
+    found = study_diagnose.study(plans, path, 1, diagnosing)
+    assert len(folder_contents) == 2 + 1 + 3 and len(found) == 5
+    assert len(study_diagnose.study(plans, path, 1, diagnosing)) == 5 and len(folder_contents) == 6
     text = study_diagnose.summary(found)
     assert "false alarms: 0 of 3 null records, 0.00 %, at most 63.16 % (95 %)" in text
     assert "quadratic-drag" in text and "named right or rightly open 1 (50.0 %), wrong 0" in text
@@ -332,7 +332,7 @@ def test_study_goes_on_where_it_stopped(tmp_path, monkeypatch):
 def test_a_limit_is_looked_for_at_the_visibility_it_aims_for():
     plan = study_diagnose.Plan("limit", "limit/quadratic-drag/7/0", ("quadratic-drag",),
                                {**SHORT, "bodies": 1, "machine_seed": 2}, (), 7.0)
-    case = make_case(plan.effects, **study_diagnose.sized(plan))
+    case = make_case(plan.effects, **study_diagnose.with_aimed_size(plan))
     assert visible(case).number == pytest.approx(7.0, rel=0.1)
 
 
@@ -354,5 +354,5 @@ def test_study_plans_cover_everything_with_keys_of_their_own():
     assert study_diagnose.rounds_wanted("effect=3,none=42") == {"effect": 3, "none": 42}
     with pytest.raises(ValueError, match="not nulls"):
         study_diagnose.rounds_wanted("nulls=3")
-    assert study_diagnose.upper(0, 1000) == pytest.approx(1.0 - 0.05 ** (1 / 1000))
-    assert study_diagnose.upper(10, 1000) == pytest.approx(0.01691, abs=2e-5)
+    assert study_diagnose.upper_limit(0, 1000) == pytest.approx(1.0 - 0.05 ** (1 / 1000))
+    assert study_diagnose.upper_limit(10, 1000) == pytest.approx(0.01691, abs=2e-5)

@@ -1,4 +1,4 @@
-"""Run-downs with something hidden in them, by the command line and records alone; labels are opened afterwards."""
+"""Coast-downs with hidden effects, by the command line and records alone; labels are opened afterwards."""
 
 from __future__ import annotations
 
@@ -34,7 +34,7 @@ def write(path, angle, seed, torque=None, wrap=None):
 
 
 def write_coast_down(path, motor, seed, fast=2240.0, end=80.0 * RPM):
-    """A run-down without a torque channel."""
+    """A coast-down without a torque channel."""
     write(path, motion(motor, lambda t: 0.0, fast * RPM, end, 5.0, STEP)[0], seed)
 
 
@@ -73,7 +73,7 @@ def test_breakaway_friction_is_named_and_its_gain_is_that_of_another_run(tmp_pat
     label(law="breakaway", breakaway_over_inertia=hidden.surplus / hidden.inertia, breakaway_speed=5.0)
     write_coast_down(folder / "coast.parquet", hidden, seed, end=1e-3)
     write_coast_down(folder / "another.parquet", hidden, 100 + seed, end=1e-3)
-    # A known inertia is no need: whatever is held, the drive runs down the same.
+    # A known inertia is not required: whatever is held, the drive coasts down the same.
     known = ("--set", "motor.inertia=1", "--hold", "motor.inertia")
     plain, _ = steady(folder, "coast.parquet", *COAST, *known)
     (folder / "out.yaml").rename(folder / "plain.yaml")
@@ -101,7 +101,7 @@ def test_breakaway_friction_is_named_and_its_gain_is_that_of_another_run(tmp_pat
     pytest.param({"surplus": 0.3 * PAPER.coulomb, "breakaway_speed": 10.0, "drag": 2e-8}, "drag breakaway",
                  marks=pytest.mark.slow),
     ({}, None)], ids=["drag", "both", "none"])
-def test_other_laws_are_told_from_it_and_none_from_noise(tmp_path, hidden, law):
+def test_other_laws_are_distinguished_from_it_and_none_is_found_in_noise(tmp_path, hidden, law):
     write_coast_down(tmp_path / "coast.parquet", replace(PAPER, **hidden), 3,
                      end=1e-3 if "surplus" in hidden else 80 * RPM)
     file, _ = steady(tmp_path, "coast.parquet", *COAST)
@@ -133,7 +133,7 @@ def test_a_friction_that_falls_from_run_to_run_is_said_with_its_size(tmp_path, l
 
 @pytest.mark.slow
 @pytest.mark.parametrize("seed", [1, 2, 3])
-def test_a_belt_that_is_on_and_off_tells_the_ratio_of_the_inertias(tmp_path, label, seed):
+def test_records_with_and_without_a_belt_identify_the_ratio_of_the_inertias(tmp_path, label, seed):
     folder = tmp_path / "records"
     folder.mkdir()
     behind = 3e-4 * (1.0 + 0.2 * seed)
@@ -149,7 +149,7 @@ def test_a_belt_that_is_on_and_off_tells_the_ratio_of_the_inertias(tmp_path, lab
 
 @pytest.mark.slow
 @pytest.mark.parametrize("seed", [1, 2])
-def test_of_a_load_behind_a_belt_a_known_pulley_tells_the_inertia(tmp_path, label, seed):
+def test_of_a_load_behind_a_belt_a_known_pulley_identifies_the_inertia(tmp_path, label, seed):
     """Motor alone, then with the known pulley on it, then with belt and load: the load as a second body."""
     folder = tmp_path / "records"
     folder.mkdir()
@@ -177,7 +177,7 @@ def test_of_a_load_behind_a_belt_a_known_pulley_tells_the_inertia(tmp_path, labe
 
 
 def bad(name, folder):
-    """(further words, the words that the message must have) of a recording that tells nothing."""
+    """(further words, the words that the message must have) of a recording without information."""
     angle = motion(PAPER, lambda t: 0.0, 2240 * RPM, 80 * RPM, 5.0, STEP)[0]
     log, zero = folder / "coast.parquet", np.zeros(len(angle))
     steadily = 150.0 * STEP * np.arange(len(angle))
@@ -203,11 +203,11 @@ def bad(name, folder):
     return BAD[name]
 
 
-RUN_DOWN = ("coasts down without torque", "Switch the drive off at speed and record until it stands")
+NO_COAST_DOWN = ("coasts down without torque", "Switch the drive off at speed and record until it stands")
 BAD = {
-    "always driven": ((*COAST,), RUN_DOWN),
-    "one speed": ((*COAST,), RUN_DOWN),
-    "zeros and one speed": ((*COAST,), RUN_DOWN),
+    "always driven": ((*COAST,), NO_COAST_DOWN),
+    "one speed": ((*COAST,), NO_COAST_DOWN),
+    "zeros and one speed": ((*COAST,), NO_COAST_DOWN),
     "zeros and standing": ((*COAST,), ("only constant signals", "record while the drive is excited")),
     "sixteen bits": ((*COAST,), ("an unwrapped angle", "`wrap: 65536`")),
     "twelve bits": ((*COAST,), ("an unwrapped angle", "`wrap: 4096`")),
@@ -222,7 +222,7 @@ BAD = {
 
 @pytest.mark.slow
 @pytest.mark.parametrize("name", BAD)
-def test_what_tells_nothing_is_refused_in_a_sentence_with_what_to_record(tmp_path, name):
+def test_an_uninformative_recording_is_refused_with_what_to_record(tmp_path, name):
     words, parts = bad(name, tmp_path)
     torque = name.startswith(("always", "zeros", "more"))
     done = run(tmp_path, ["steady", "coast.parquet", *words, "--map", "driven.yaml" if torque else "map.yaml",
@@ -245,7 +245,7 @@ def test_an_added_inertia_with_a_wrong_unit_beside_a_held_one_is_said(tmp_path):
 @pytest.mark.parametrize(("command", "words", "says"), [
     ("diagnose", (), "take steady --method coast-down, which names the law"),
     ("greybox", ("--set", "motor.inertia=1"), "take steady --method coast-down")])
-def test_other_commands_say_what_to_take_for_a_run_down(tmp_path, command, words, says):
+def test_other_commands_say_what_to_take_for_a_coast_down(tmp_path, command, words, says):
     write_coast_down(tmp_path / "coast.parquet", PAPER, 1)
     steady(tmp_path, "coast.parquet", *COAST)
     done = run(tmp_path, [command, "coast.parquet", "--map", "map.yaml", "--params", "out.yaml", *words])
@@ -256,7 +256,7 @@ def test_other_commands_say_what_to_take_for_a_run_down(tmp_path, command, words
 
 @pytest.mark.slow
 @pytest.mark.parametrize("known", [False, True])
-def test_a_belt_with_friction_of_its_own_widens_what_it_tells(tmp_path, label, known):
+def test_a_belt_with_friction_of_its_own_widens_the_interval(tmp_path, label, known):
     """A tenth more Coulomb friction with the belt than without: the inertia is known no better than that."""
     folder = tmp_path / "records"
     folder.mkdir()
@@ -276,7 +276,7 @@ def test_a_belt_with_friction_of_its_own_widens_what_it_tells(tmp_path, label, k
 
 @pytest.mark.slow
 @pytest.mark.parametrize("kind", ["mcap", "parquet"])
-def test_the_fixtures_tell_the_truth_in_both_formats(tmp_path, kind):
+def test_the_fixtures_identify_the_truth_in_both_formats(tmp_path, kind):
     (tmp_path / "coast").symlink_to(FIXTURES / "coast")
     stated = yaml.safe_load((FIXTURES / "coast/truth.yaml").read_text())["parameters"]
     truth = {name: entry["value"] for name, entry in stated.items()}

@@ -1,6 +1,6 @@
-"""What torque and speed of the motor do not tell apart, row by row: left open, or nothing found.
+"""What torque and speed of the motor do not distinguish, row by row: left open, or nothing found.
 
-What separates such causes is asked elsewhere: a second sensor in `test_hidden_effects.py` (lag and filter) and
+Other tests separate such causes: a second sensor in `test_hidden_effects.py` (lag and filter) and
 `test_friction_split.py` (motor and load, whose friction is one sum here), reversals in `test_dry_friction.py`.
 """
 
@@ -13,9 +13,9 @@ from pathlib import Path
 import pytest
 
 from tests.hidden import greybox_options, make_case, write_start
-from tests.hidden.beside import write_record
 from tests.hidden.case import record_of
 from tests.hidden.command import Answer, greybox_and_diagnose
+from tests.hidden.custom_record import write_record
 from tests.hidden.effects import Logger
 from tests.hidden.profiles import profile
 
@@ -53,10 +53,11 @@ def test_dry_friction_without_a_reversal_is_an_idle_torque(tmp_path):
     answer = answer_to(tmp_path, "coulomb-motor", "coulomb-motor,coulomb-load,asymmetric-friction,quadratic-drag",
                        record="one-directional")
     assert answer.verdict == "nothing-found", answer.stderr
-    told = {c["code"]: c for c in answer.candidates}
+    candidates = {c["code"]: c for c in answer.candidates}
     for code in ("coulomb-motor", "coulomb-load", "asymmetric-friction"):
-        assert told[code]["shown"] is False and not told[code]["smallest"] and "direction" in told[code]["reason"]
-    assert told["quadratic-drag"]["shown"] and told["quadratic-drag"]["smallest"]
+        assert candidates[code]["shown"] is False and not candidates[code]["smallest"]
+        assert "direction" in candidates[code]["reason"]
+    assert candidates["quadratic-drag"]["shown"] and candidates["quadratic-drag"]["smallest"]
 
 
 @pytest.mark.slow

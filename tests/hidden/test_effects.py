@@ -1,4 +1,4 @@
-"""Effects hidden in records by the independent simulator, asked for at the command line.
+"""Effects hidden in records by the independent simulator, diagnosed at the command line.
 
 The command sees the records and a start file; the label is opened afterwards.
 """
@@ -36,7 +36,7 @@ MORE = [pytest.param(("backlash", "coulomb-load"), 42, SHORT, marks=pytest.mark.
         pytest.param(("third-mass", "torque-ripple"), 44, {"size": {"third-mass": 0.5}} | SHORT,
                      marks=pytest.mark.long),
         ("quadratic-drag", 45, {"record": "one-directional"} | SHORT),
-        # A slow drive: what the start state is, a tenth of a second does not tell.
+        # A slow drive: a tenth of a second does not identify the start state.
         pytest.param("stribeck-motor", 50027, {"bodies": 2, "seed": 50027}, marks=pytest.mark.long),
         # What the base lacks had passed for a torque noise twenty times too loud, under which nothing gains.
         pytest.param("third-mass", 50007, {
@@ -153,7 +153,7 @@ def test_a_lag_too_short_to_leave_a_trace_is_none(tmp_path):
 
 @pytest.mark.long
 def test_a_shaft_torque_a_little_too_large_is_found_beside_all_that_was_measured(tmp_path):
-    """By 5 %: the motor alone tells its scale to 2.3 %, together with what it says of the resonance to 0.4 %."""
+    """By 5 %: the motor alone identifies the scale to 2.3 %, together with the resonance in its signal to 0.4 %."""
     answer, causes = answered("wrong-scale-shaft", 189023, tmp_path / "records", tmp_path / "labels",
                               ["--candidates", "wrong-scale,coulomb-load"], seed=189023, bodies=2,
                               sensors=("motor_speed", "shaft_torque"), record="one-directional")
@@ -170,7 +170,7 @@ def test_a_large_third_mass_is_found_where_none_grows_from_a_trace(tmp_path):
 
 @pytest.mark.long
 def test_a_base_whose_noise_lies_all_in_one_sensor_is_no_discovery(tmp_path):
-    """The mended sensor was begun as loud as its wrong sign had made it: everything gained that heard it anew."""
+    """The noise of the mended sensor started as large as its wrong sign had made it: any re-estimate gained."""
     answer, causes = answered("wrong-sign-shaft", 770022, tmp_path / "records", tmp_path / "labels",
                               ["--candidates", "wrong-sign,stribeck-motor,torque-ripple"], seed=770022, bodies=2,
                               sensors=("motor_speed", "shaft_torque"), record="one-directional")
@@ -197,7 +197,7 @@ def test_no_law_is_read_into_the_steps_of_a_logger(tmp_path):
 @pytest.mark.slow
 @pytest.mark.parametrize(("effect", "machine"), [
     ("speed-filter", 20), ("converter-lag", 12), pytest.param("converter-lag", 20, marks=pytest.mark.long)])
-def test_a_filter_and_a_lag_are_not_told_apart_by_one_sensor(effect, machine, tmp_path):
+def test_a_filter_and_a_lag_are_not_distinguished_by_one_sensor(effect, machine, tmp_path):
     """Nor by the noise: whether it comes before or behind the lag is not known. The lags are of both orders."""
     answer, causes = answered(effect, machine, tmp_path / "records", tmp_path / "labels",
                               ["--candidates", "speed-filter,converter-lag,backlash"], **SHORT)
@@ -208,7 +208,7 @@ def test_a_filter_and_a_lag_are_not_told_apart_by_one_sensor(effect, machine, tm
 
 @pytest.mark.slow
 @pytest.mark.parametrize("machine", [12, pytest.param(20, marks=pytest.mark.long)])
-def test_a_second_sensor_tells_a_lag_from_a_filter(machine, tmp_path):
+def test_a_second_sensor_distinguishes_a_lag_from_a_filter(machine, tmp_path):
     answer, causes = answered("converter-lag", machine, tmp_path / "records", tmp_path / "labels",
                               ["--candidates", "speed-filter,converter-lag,dead-time,backlash"],
                               sensors=("motor_speed", "load_speed"), **SHORT)
@@ -249,8 +249,8 @@ def test_a_base_that_a_wrong_sign_has_bent_is_straightened(tmp_path):
 
 
 @pytest.mark.long
-def test_a_base_bent_beyond_recognition_is_begun_afresh(tmp_path):
-    """No law is reached from a load and a shaft a hundred times too light and too soft; their starts are known."""
+def test_a_strongly_biased_base_restarts_from_its_start_values(tmp_path):
+    """No law is reached where load inertia and stiffness are a hundred times too low; start values are known."""
     case = make_case("coulomb-motor", 31, **SHORT)
     logs, _ = case.write_records(tmp_path)
     start, base = write_start(case, tmp_path), tmp_path / "base.yaml"

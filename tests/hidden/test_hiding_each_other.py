@@ -20,7 +20,7 @@ def answered(effects, machine, folder, candidates, **options):
 
 @pytest.mark.long
 def test_a_gap_that_has_bent_the_base_is_found_from_where_the_base_began(tmp_path):
-    """A light load and chirps: the stiffness came out at half, and a third of the torque as noise."""
+    """A low load inertia and chirps: the stiffness came out at half, and a third of the torque as noise."""
     answer, causes = answered("backlash", 100001, tmp_path, "backlash,coulomb-load,third-mass", record="chirp",
                               seed=2, size=0.19, coulomb={-1: 0.03}, **SHORT)
     assert grade(causes, answer) == "right", answer.stderr

@@ -7,9 +7,9 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from tests.hidden.beside import write_record
 from tests.hidden.case import make_case
 from tests.hidden.command import greybox_and_diagnose
+from tests.hidden.custom_record import write_record
 from tests.hidden.profiles import STEP, Profile, profile
 from tests.hidden.start import write_start
 from tests.simulator.fast import PI

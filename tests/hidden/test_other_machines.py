@@ -8,9 +8,9 @@ from dataclasses import replace
 import pytest
 import yaml
 
-from tests.hidden.beside import write_record
 from tests.hidden.case import make_case
 from tests.hidden.command import greybox_and_diagnose
+from tests.hidden.custom_record import write_record
 from tests.hidden.profiles import profile
 from tests.hidden.rigs import resonances
 from tests.hidden.start import write_start
@@ -21,7 +21,7 @@ FITTED = ["--candidates", "third-mass,load-dependent-damping,hardening-stiffness
 
 
 @pytest.mark.slow
-def test_a_record_held_out_that_was_made_with_other_friction_is_told_and_no_cause_is_named(tmp_path):
+def test_a_held_out_record_with_other_friction_is_reported_and_no_cause_is_named(tmp_path):
     case = make_case("none", 901, seed=4, duration=6.0)
     machine = case.rig.machine
     record = write_record(tmp_path, case, profile("reversing", case.rig, 4))
@@ -31,10 +31,10 @@ def test_a_record_held_out_that_was_made_with_other_friction_is_told_and_no_caus
                  ["--candidates", "quadratic-drag,load-step", "--holdout", other.name])
     assert answer.verdict == "unexplained" and not answer.causes, answer.stderr
     content = yaml.safe_load((tmp_path / "extended.yaml").read_text())
-    (told,) = [f for f in content["findings"] if f["code"] == "parameters-change"]
-    names = [n.removesuffix(".held_out") for n in told["evidence"] if n.endswith(".held_out")]
-    assert all(n.endswith("viscous") for n in names) and "other.parquet" in told["text"], told
-    more = sum(told["evidence"][f"{n}.held_out"] - told["evidence"][f"{n}.fitted"] for n in names)
+    (finding,) = [f for f in content["findings"] if f["code"] == "parameters-change"]
+    names = [n.removesuffix(".held_out") for n in finding["evidence"] if n.endswith(".held_out")]
+    assert all(n.endswith("viscous") for n in names) and "other.parquet" in finding["text"], finding
+    more = sum(finding["evidence"][f"{n}.held_out"] - finding["evidence"][f"{n}.fitted"] for n in names)
     assert more == pytest.approx(0.4 * sum(machine.viscous), rel=0.1)
     assert content["diagnosis"]["sentence"].startswith("The parameters differ")
 

@@ -1,4 +1,4 @@
-"""A torque that repeats with the angle, told from the speed alone: its phase counts from the first sample."""
+"""A torque that repeats with the angle, identified from the speed alone: its phase counts from the first sample."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ import yaml
 
 from tests.hidden import greybox_options, make_case, write_start
 from tests.hidden.command import run
-from tests.study.study_diagnose import told
+from tests.study.study_diagnose import tool_values
 
 FREE = ["load.imbalance_sine", "load.imbalance_cosine"]
 
@@ -22,7 +22,7 @@ def test_imbalance_from_the_motor_speed(tmp_path, records):
                           *[word for name in FREE for word in ("--free", name)], *greybox_options(case)])
     assert done.returncode == 0, done.stderr
     found = yaml.safe_load((tmp_path / "fit.yaml").read_text())["parameters"]
-    truth = told(case.hidden[0].truth, {}, {})
+    truth = tool_values(case.hidden[0].truth, {}, {})
     for name in FREE:
         assert found[name]["status"] == "fitted", found[name]
         assert abs(found[name]["value"] - truth[name]) < 3.0 * found[name]["std"]

@@ -1,4 +1,4 @@
-"""How much of an effect the noise lets through, once the plain parameters have imitated what they can.
+"""How detectable an effect is in the noise, once the plain parameters are fitted to it.
 
 Computed from the truth: the record with the effect against the plain machine under the logged
 torque, its parameters and start states fitted, the difference weighed by the noise.
@@ -21,13 +21,13 @@ from tests.simulator.effects import BODY, SHAFT
 from tests.simulator.fast import simulate_fast
 from tests.simulator.machine import Machine, State
 
-MOST_ROUNDS = 60
-SMALL = 1e-4
-WEAK = 1e-6
-NOTHING = 1e-3
-FAINT = 3.0
-SLOW, PATIENCE = 0.001, 4
-SOFTER = 0.7
+MAX_ITERATIONS = 60
+DIFFERENCE_STEP = 1e-4  # of scaled values, for derivatives
+REST_DAMPING = 1e-6  # of the step by which convergence is judged
+MIN_RESIDUAL_NORM = 1e-3  # in units of the noise; below it the fit has converged
+RETRY_NUMBER = 3.0  # visibility above which the fit also starts with a softer shaft
+SLOW_DECREASE, MAX_SLOW_ITERATIONS = 0.001, 4  # relative decrease of the norm; iterations in a row below it
+SOFTER_SHAFT_SHARE = 0.7  # of the stiffness
 
 
 @dataclass(frozen=True)
@@ -55,19 +55,19 @@ def visible(case: Case, known: tuple[HiddenEffect, ...] = (),
     records  the case's own to work on if None; each has start states of its own
     """
     records = case.records if records is None else records
-    machine, logger = _concealed(case, {h.code: h.size for h in known})
+    machine, logger = _machine_with_effects(case, {h.code: h.size for h in known})
     if all(h.size == 0.0 for h in case.hidden if h not in known):
         return Visibility(0.0, 0.0, dict.fromkeys(case.noise.sensors, 0.0), True)
 
     def result(share: float) -> Visibility:
-        begun = replace(machine, stiffness=tuple(share * k for k in machine.stiffness))
-        return _result(_Model(case, begun, logger, plain_fields(machine, case.rig.machine.bodies), records))
+        machine_start = replace(machine, stiffness=tuple(share * k for k in machine.stiffness))
+        return _result(_Model(case, machine_start, logger, plain_fields(machine, case.rig.machine.bodies), records))
 
     found = result(1.0)
-    if machine.bodies == 1 or found.number < FAINT:
+    if machine.bodies == 1 or found.number < RETRY_NUMBER:
         return found
     # A gap looks like a softer shaft, to which no way leads downhill from the true one.
-    softer = result(SOFTER)
+    softer = result(SOFTER_SHAFT_SHARE)
     return replace(softer, before=found.before) if softer.number < found.number else found
 
 
@@ -75,23 +75,24 @@ def separation(case: Case, rival: str, sizes: tuple[float, ...] = (0.3, 1.0, 3.0
                records: tuple[Record, ...] | None = None) -> Visibility:
     """The same against the plain machine with another effect, its values fitted too.
 
-    Where this is small the two effects cannot be told apart on these records.
+    Where this is small the two effects are indistinguishable on these records.
     rival  code of a law of the machine; sizes: where its fit starts, over the usual size
     """
     records = case.records if records is None else records
     # Without the rival at all it is no worse, and the fits may end in a local optimum.
     found = [visible(case, (), records)]
-    truth, _ = _concealed(case, {h.code: h.size for h in case.hidden})
+    truth, _ = _machine_with_effects(case, {h.code: h.size for h in case.hidden})
     for size in sizes:
-        drawn, logger = _concealed(case, {rival: size * KINDS[rival].usual})
-        for machine in (*_in_step(drawn, truth), *_of_other_order(drawn), *_over_all_speeds(drawn, case.rig.top)):
+        drawn, logger = _machine_with_effects(case, {rival: size * KINDS[rival].usual})
+        for machine in (*_with_ripple_as_imbalance(drawn, truth), *_with_other_lag_order(drawn),
+                        *_with_wide_stribeck(drawn, case.rig.top)):
             fields = plain_fields(machine, case.rig.machine.bodies) + law_fields(machine)
             found.append(_result(_Model(case, machine, logger, fields, records)))
     return min(found, key=lambda v: v.number)
 
 
-def _in_step(machine: Machine, truth: Machine) -> list[Machine]:
-    """The machine, its ripple begun as a true imbalance: no fit finds an order, a size or a sign from afar."""
+def _with_ripple_as_imbalance(machine: Machine, truth: Machine) -> list[Machine]:
+    """The machine, its ripple starting as a true imbalance: from elsewhere no fit finds order, size and sign."""
     (amplitude, _, _), (weight, ratio, phase) = machine.effects.ripple, truth.effects.imbalance
     if amplitude == 0.0 or weight == 0.0:
         return [machine]
@@ -99,7 +100,7 @@ def _in_step(machine: Machine, truth: Machine) -> list[Machine]:
             for k in (0.0, 0.5, 1.0, 1.5)]
 
 
-def _of_other_order(machine: Machine) -> list[Machine]:
+def _with_other_lag_order(machine: Machine) -> list[Machine]:
     """The machine with a lag of first order for one of second and the other way round: which is drawn is chance."""
     bandwidth, zeta = machine.converter_bandwidth, machine.converter_damping
     if bandwidth is None:
@@ -109,7 +110,7 @@ def _of_other_order(machine: Machine) -> list[Machine]:
                     converter_bandwidth=bandwidth * 2.0 * other if math.isinf(zeta) else bandwidth / (2.0 * zeta))]
 
 
-def _over_all_speeds(machine: Machine, top: float) -> list[Machine]:
+def _with_wide_stribeck(machine: Machine, top: float) -> list[Machine]:
     """The machine with breakaway friction that falls over all of its speeds: in one direction a drag is like it."""
     extra = machine.effects.stribeck
     if not any(extra):
@@ -120,18 +121,18 @@ def _over_all_speeds(machine: Machine, top: float) -> list[Machine]:
             extra, machine.effects.stribeck_speed, strict=True)))) for more in (3.0, 10.0)]
 
 
-def _concealed(case: Case, sizes: dict[str, float]):
+def _machine_with_effects(case: Case, sizes: dict[str, float]):
     """(machine, logger) of the rig with effects of these sizes, drawn as those of the case are."""
-    seed = int(case.asked["machine_seed"]) + 1000003 * int(case.asked["seed"])
+    seed = int(case.arguments["machine_seed"]) + 1000003 * int(case.arguments["seed"])
     machine, logger, _ = add_effects(list(sizes), case.rig, sizes, seed)
     return machine, logger
 
 
 def _result(model: _Model) -> Visibility:
-    point, before, left, converged = _fitted(model)
+    point, before, number, converged = _fitted(model)
     rows = np.concatenate(model.residual(point))
     rms = dict(zip(model.roles, np.sqrt(np.mean(rows**2, axis=0)).tolist(), strict=True))
-    return Visibility(left, before, rms, converged)
+    return Visibility(number, before, rms, converged)
 
 
 def _fitted(model: _Model):
@@ -139,39 +140,40 @@ def _fitted(model: _Model):
 
     A unit of every scaled parameter is a large step, so that the damping needs no scaling.
     """
-    point, damping, slow = np.zeros(model.size), 1e-3, 0
-    left = model.white(model.residual(point))
-    before = float(np.linalg.norm(left))
-    for _ in range(MOST_ROUNDS):
-        if slow == PATIENCE:
+    point, damping, slow_iterations = np.zeros(model.size), 1e-3, 0
+    residual = model.white(model.residual(point))
+    before = float(np.linalg.norm(residual))
+    for _ in range(MAX_ITERATIONS):
+        if slow_iterations == MAX_SLOW_ITERATIONS:
             break
-        if np.linalg.norm(left) < NOTHING:
-            return point, before, float(np.linalg.norm(left)), True
+        if np.linalg.norm(residual) < MIN_RESIDUAL_NORM:
+            return point, before, float(np.linalg.norm(residual)), True
         slope = model.sensitivity(point)
-        # A step that is damped much promises little wherever it begins: rest is judged by one that hardly is.
-        if _step(slope, left, WEAK)[1] < (1e-3 if model.linear else 1e-2):
-            return point, before, float(np.linalg.norm(left)), True
+        # A strongly damped step predicts little gain anywhere: convergence is judged by a nearly undamped one.
+        if _step(slope, residual, REST_DAMPING)[1] < (1e-3 if model.linear else 1e-2):
+            return point, before, float(np.linalg.norm(residual)), True
         for _ in range(12):
-            step, promised = _step(slope, left, damping)
-            trial = model.white(model.residual(point - step)) if np.abs(step).max() < 30.0 else left
-            drop = 1.0 - np.linalg.norm(trial) / np.linalg.norm(left)
+            step, predicted = _step(slope, residual, damping)
+            trial = model.white(model.residual(point - step)) if np.abs(step).max() < 30.0 else residual
+            drop = 1.0 - np.linalg.norm(trial) / np.linalg.norm(residual)
             if drop > 0.0:
-                point, left = point - step, trial
-                damping *= 0.05 if drop > 0.5 * promised else 1.0
-                slow = slow + 1 if drop < SLOW else 0
+                point, residual = point - step, trial
+                damping *= 0.05 if drop > 0.5 * predicted else 1.0
+                slow_iterations = slow_iterations + 1 if drop < SLOW_DECREASE else 0
                 break
             damping *= 30.0
         else:
             break
-    return point, before, float(np.linalg.norm(left)), False
+    return point, before, float(np.linalg.norm(residual)), False
 
 
-def _step(slope: np.ndarray, left: np.ndarray, damping: float) -> tuple[np.ndarray, float]:
+def _step(slope: np.ndarray, residual: np.ndarray, damping: float) -> tuple[np.ndarray, float]:
     """(damped step, share of the norm that it should take away)."""
-    square = slope.T @ slope
-    # Of what nothing shows the damping alone must hold against rounding.
-    step = np.linalg.solve(square + (damping + 1e-14 * np.trace(square)) * np.eye(len(square)), slope.T @ left)
-    return step, 1.0 - float(np.linalg.norm(left - slope @ step) / np.linalg.norm(left))
+    normal_matrix = slope.T @ slope
+    # In directions without information the damping alone must exceed rounding errors.
+    damped = normal_matrix + (damping + 1e-14 * np.trace(normal_matrix)) * np.eye(len(normal_matrix))
+    step = np.linalg.solve(damped, slope.T @ residual)
+    return step, 1.0 - float(np.linalg.norm(residual - slope @ step) / np.linalg.norm(residual))
 
 
 # (name, index) of a value of the machine, or ("effects", name, index); index None: no tuple.
@@ -242,14 +244,14 @@ class _Model:
     def at(self, point: np.ndarray) -> Machine:
         """The machine with the values of a point."""
         machine = self.machine
-        for field, by in zip(self.fields, point.tolist(), strict=False):
+        for field, change in zip(self.fields, point.tolist(), strict=False):
             before = _value(self.machine, field)
             if field[0] == "idle_torque":
-                machine = _with(machine, field, before + 0.01 * self.rig.rated * by)
+                machine = _with(machine, field, before + 0.01 * self.rig.rated * change)
             elif field[-2:] in (("ripple", 2), ("imbalance", 2)):
-                machine = _with(machine, field, before + by)
+                machine = _with(machine, field, before + change)
             else:
-                machine = _with(machine, field, before * math.exp(min(max(by, -3.0), 3.0)))
+                machine = _with(machine, field, before * math.exp(min(max(change, -3.0), 3.0)))
         return machine
 
     def residual(self, point: np.ndarray, which: int | None = None) -> list[np.ndarray]:
@@ -262,34 +264,35 @@ class _Model:
             shift = point[first:first + len(self.scales)] * self.scales
             first += len(self.scales)
             counts = which in (None, i)
-            found.append(self._one(machine, record, shift) if counts else np.zeros(
+            found.append(self._residual_of(machine, record, shift) if counts else np.zeros(
                 (len(record.run.time), len(self.roles))))
         return found
 
-    def _one(self, machine: Machine, record: Record, shift: np.ndarray) -> np.ndarray:
+    def _residual_of(self, machine: Machine, record: Record, shift: np.ndarray) -> np.ndarray:
         n, run = machine.bodies, record.run
         scale = self.logger.scale.get("motor_torque", 1.0)
         torque = record.logged["motor_torque"] / scale - self.logger.offset.get("motor_torque", 0.0)
         known = self.rig.machine.bodies
         speeds = [*run.speeds[0, :known], *[run.speeds[0, known - 1]] * (n - known)]
-        twists = _twists(run, self.rig.machine)[:n - 1]
+        twists = _initial_twists(run, self.rig.machine)[:n - 1]
         twists += [0.0] * (n - 1 - len(twists))
         speeds, twists = np.array(speeds) + shift[:n], np.array(twists) + shift[n:2 * n - 1]
         angle = float(run.angles[0, 0] + (shift[2 * n - 1] if len(shift) == 2 * n else 0.0))
         if self.linear:
             x = np.array([*speeds, *twists, angle])
             f, g = (np.ascontiguousarray(a) for a in discrete(machine))
-            drive = np.outer(torque, g[:, 0]) + np.outer(record.noise["torque"], g[:, 1]) + g[:, 3]
-            rows = _recursion(f, drive, x) @ outputs(machine, self.roles).T
+            inputs = np.outer(torque, g[:, 0]) + np.outer(record.noise["torque"], g[:, 1]) + g[:, 3]
+            rows = _state_recursion(f, inputs, x) @ outputs(machine, self.roles).T
             clean = dict(zip(self.roles, rows.T, strict=True))
         else:
-            made = simulate_fast(machine, torque, STEP, State(tuple(speeds), tuple(twists), angle, torque[0]),
+            simulated = simulate_fast(machine, torque, STEP, State(tuple(speeds), tuple(twists), angle, torque[0]),
                                  None, record.noise["torque"])
-            clean = {"motor_speed": made.measured, **sensors_of(made, known)}
-        seen = {role: clean[role] + record.noise[role] for role in self.roles}
+            clean = {"motor_speed": simulated.measured, **sensors_of(simulated, known)}
+        measured = {role: clean[role] + record.noise[role] for role in self.roles}
         if self.logger != Logger():
-            seen = logged_values(self.logger, seen, np.random.default_rng([*record.seed, 15485863]).spawn(3)[2])
-        return np.column_stack([record.logged[role] - seen[role] for role in self.roles])
+            rng = np.random.default_rng([*record.seed, 15485863]).spawn(3)[2]
+            measured = logged_values(self.logger, measured, rng)
+        return np.column_stack([record.logged[role] - measured[role] for role in self.roles])
 
     def white(self, residual: list[np.ndarray]) -> np.ndarray:
         """All records in one vector, in units of the noise."""
@@ -297,13 +300,13 @@ class _Model:
 
     def sensitivity(self, point: np.ndarray) -> np.ndarray:
         """(values, size) derivative of `white(residual(point))`; of a switching machine one-sided."""
-        shared, each, columns = len(self.fields), len(self.scales), []
-        middle = None if self.linear else self.residual(point)
+        shared, start_states, columns = len(self.fields), len(self.scales), []
+        reference = None if self.linear else self.residual(point)
         for j in range(self.size):
-            which = None if j < shared else (j - shared) // each
-            ahead = self._moved(point, j, SMALL, which)
-            behind = self._moved(point, j, -SMALL, which) if self.linear else middle
-            width = 2.0 * SMALL if self.linear else SMALL
+            which = None if j < shared else (j - shared) // start_states
+            ahead = self._moved(point, j, DIFFERENCE_STEP, which)
+            behind = self._moved(point, j, -DIFFERENCE_STEP, which) if self.linear else reference
+            width = 2.0 * DIFFERENCE_STEP if self.linear else DIFFERENCE_STEP
             columns.append([(a - b) / width if which in (None, i) else np.zeros_like(a)
                             for i, (a, b) in enumerate(zip(ahead, behind, strict=True))])
         stacked = [np.stack([column[i] for column in columns], axis=2) for i in range(len(self.records))]
@@ -316,15 +319,15 @@ class _Model:
         return self.residual(moved, which)
 
 
-def _twists(run, machine: Machine) -> list[float]:
+def _initial_twists(run, machine: Machine) -> list[float]:
     """Twists of the known shafts at the first sample."""
     return [float(run.angles[0, k] / ratio - run.angles[0, k + 1]) for k, ratio in enumerate(machine.ratio)]
 
 
 @njit(cache=True)
-def _recursion(f, drive, x):
-    out = np.empty((drive.shape[0], x.size))
-    for i in range(drive.shape[0]):
+def _state_recursion(f, inputs, x):
+    out = np.empty((inputs.shape[0], x.size))
+    for i in range(inputs.shape[0]):
         out[i] = x
-        x = f @ x + drive[i]
+        x = f @ x + inputs[i]
     return out

@@ -37,8 +37,8 @@ def discrete(machine: Machine) -> tuple[np.ndarray, np.ndarray]:
     a, b, _ = equations(machine)
     block = np.zeros((len(a) + 4,) * 2)
     block[:len(a), :len(a)], block[:len(a), len(a):] = a, b
-    ahead = expm(block * STEP)[:len(a)]
-    return ahead[:, :len(a)], ahead[:, len(a):]
+    exponential = expm(block * STEP)[:len(a)]
+    return exponential[:, :len(a)], exponential[:, len(a):]
 
 
 class Whitener:
@@ -49,15 +49,16 @@ class Whitener:
         h = outputs(machine, roles)
         std = noise.torque
         if noise.coloured > 0.0:
-            keep = np.exp(-1.0 / noise.memory)
-            f = np.block([[f, g[:, 1:2]], [np.zeros((1, len(f))), np.array([[keep]])]])
+            pole = np.exp(-1.0 / noise.memory)
+            f = np.block([[f, g[:, 1:2]], [np.zeros((1, len(f))), np.array([[pole]])]])
             h = np.hstack([h, np.zeros((len(h), 1))])
-            drive = np.zeros((len(f), 2))
-            drive[:-1, 0], drive[-1, 1] = noise.torque * g[:, 1], noise.coloured * np.sqrt(1.0 - keep**2)
+            noise_input = np.zeros((len(f), 2))
+            noise_input[:-1, 0] = noise.torque * g[:, 1]
+            noise_input[-1, 1] = noise.coloured * np.sqrt(1.0 - pole**2)
         else:
-            drive = std * g[:, 1:2]
+            noise_input = std * g[:, 1:2]
         sensor = np.array([max(noise.sensors[role], floor[role]) for role in roles])
-        self.model = tuple(np.ascontiguousarray(a) for a in (f, h, drive @ drive.T, np.diag(sensor**2)))
+        self.model = tuple(np.ascontiguousarray(a) for a in (f, h, noise_input @ noise_input.T, np.diag(sensor**2)))
 
     def __call__(self, deviation: np.ndarray) -> np.ndarray:
         """(n, roles, columns) -> the same, whitened."""
@@ -70,19 +71,19 @@ def _filter(f, h, q, r, deviation):
     x = np.zeros((f.shape[0], columns))
     p = np.zeros_like(f)
     white = np.empty_like(deviation)
-    gain, inverse = np.zeros((f.shape[0], size)), np.eye(size)
-    across, back = np.ascontiguousarray(h.T), np.ascontiguousarray(f.T)
+    gain, root_inverse = np.zeros((f.shape[0], size)), np.eye(size)
+    h_transposed, f_transposed = np.ascontiguousarray(h.T), np.ascontiguousarray(f.T)
     steady = False
     for i in range(samples):
         if not steady:
-            s = h @ p @ across + r
-            inverse = np.ascontiguousarray(np.linalg.inv(np.linalg.cholesky(s)))
-            gain = p @ across @ np.ascontiguousarray(np.linalg.inv(s))
-            after = f @ (p - gain @ h @ p) @ back + q
+            s = h @ p @ h_transposed + r
+            root_inverse = np.ascontiguousarray(np.linalg.inv(np.linalg.cholesky(s)))
+            gain = p @ h_transposed @ np.ascontiguousarray(np.linalg.inv(s))
+            p_next = f @ (p - gain @ h @ p) @ f_transposed + q
             # Angles make a few entries drift for ever by rounding; a fixed horizon is enough.
-            steady = np.max(np.abs(after - p)) <= 1e-12 * np.max(np.abs(p)) and i > 10
-            p = after
+            steady = np.max(np.abs(p_next - p)) <= 1e-12 * np.max(np.abs(p)) and i > 10
+            p = p_next
         error = deviation[i] - h @ x
-        white[i] = inverse @ error
+        white[i] = root_inverse @ error
         x = f @ (x + gain @ error)
     return white

@@ -219,7 +219,7 @@ def test_two_runs_of_a_level_road_have_no_slope():
 
 
 @pytest.mark.slow
-def test_there_and_back_tells_friction_from_slope():
+def test_both_directions_distinguish_friction_from_slope():
     """Through standstill: dry friction changes its sign with the motion, the slope does not."""
     slope = MASS * GRAVITY * 0.004 * RADIUS
     machine = replace(MACHINE, coulomb=(0.0, 1089.0), idle_torque=(0.0, slope))
@@ -274,7 +274,7 @@ def test_spans_are_settled_and_one_way():
 
 @pytest.mark.parametrize("torque, words", [
     (np.full(4800, 450.0), "two sizes"), (300.0 + 200.0 * np.sin(np.arange(4800) / 40.0), "none in")])
-def test_what_cannot_be_told_is_refused(torque, words):
+def test_what_is_not_identifiable_is_refused(torque, words):
     with pytest.raises(NotEnoughData, match=words):
         steady([record(torque, 2)], KNOWN, METHOD)
 

@@ -52,8 +52,8 @@ def test_laws_are_confirmed_by_a_smaller_error_of_free_runs(ratio, straight, wan
 
 def sums_that_gain(much):
     """A stand-in for the sums of products: a parameter, and a law whose log likelihood gains so much."""
-    told = np.sqrt(1.0 - np.exp(-2.0 * much / 1000.0))
-    one = np.array([[1.0, 0.0, 0.0], [0.0, 1.0, told], [0.0, told, 1.0]])
+    correlation = np.sqrt(1.0 - np.exp(-2.0 * much / 1000.0))
+    one = np.array([[1.0, 0.0, 0.0], [0.0, 1.0, correlation], [0.0, correlation, 1.0]])
     return np.repeat(one[None], law_selection.FOLDS, axis=0)
 
 
@@ -99,12 +99,12 @@ def test_of_a_drive_with_more_free_the_search_says_nothing(monkeypatch, starts, 
     ([(0.0, 0.0), (4.0, 15.0)], True), ([(0.0, 0.0), (6.0, 15.0)], False), ([(0.0, 0.0), (4.0, 25.0)], False),
     ([(0.0, None)], True)])  # a fit from one place, that was confirmed
 def test_two_starts_confirm_a_place(starts, wanted):
-    told = [{"minus_log_likelihood_above_best": behind} | ({} if far is None else {"apart": far})
+    earlier = [{"minus_log_likelihood_above_best": behind} | ({} if far is None else {"apart": far})
             for behind, far in starts]
-    assert optimum_confirmed(outcome(0.0, [1.0, 2.0], told)) is wanted
+    assert optimum_confirmed(outcome(0.0, [1.0, 2.0], earlier)) is wanted
 
 
-def test_free_runs_are_the_one_witness_and_none_of_friction():
+def test_free_runs_are_the_only_candidate_and_none_for_friction():
     made = task()
     rng = np.random.default_rng(1)
     blocks = 1e-6 * rng.standard_normal((INFLUENCE_BLOCKS, 3))
@@ -175,9 +175,9 @@ class Kinked:
         return Point(point.values + step, tuple(a + b for a, b in zip(point.starts, own, strict=True)))
 
 
-@pytest.mark.parametrize("apart, reached", [(True, True), (False, False)])
-def test_a_trace_that_is_hard_to_start_does_not_hold_up_the_others(apart, reached):
+@pytest.mark.parametrize("keeps_worse, reached", [(True, True), (False, False)])
+def test_a_trace_that_is_hard_to_start_does_not_hold_up_the_others(keeps_worse, reached):
     begin = Point(np.zeros(1), (np.zeros(1), np.ones(1)))
-    found = solve(Kinked(), begin, max_iterations=8, keeps_worse=apart)
+    found = solve(Kinked(), begin, max_iterations=8, keeps_worse=keeps_worse)
     assert bool(Kinked().costs(found.point)[0] < 1e-6) is reached
     assert found.cost < Kinked().cost(begin)

@@ -51,7 +51,7 @@ def truth_of(machine):
 
 
 def at_motor(machine):
-    """(viscous friction, idle torque) of motor and load together, felt at the motor."""
+    """(viscous friction, idle torque) of motor and load together, referred to the motor."""
     n = machine.ratio[0]
     return (machine.viscous[0] + machine.viscous[1] / n**2, machine.idle_torque[0] + machine.idle_torque[1] / n)
 
@@ -90,12 +90,12 @@ def joint(estimate, truth):
 
 @given(positive, positive, positive, st.floats(1e-3, 0.5), st.floats(0.0, 0.2), st.floats(0.2, 5.0))
 def test_conversion_returns_the_parameters(motor, load, resonance, zeta, decay, ratio):
-    felt = load / ratio**2
-    reduced = motor * felt / (motor + felt)
+    load_at_motor = load / ratio**2
+    reduced = motor * load_at_motor / (motor + load_at_motor)
     stiffness, damping = reduced * resonance**2, 2.0 * zeta * reduced * resonance
-    viscous = decay * (motor + felt)
-    values = {"b2": 1.0 / motor, "b0": stiffness / (motor * felt), "a2": damping / reduced + decay,
-              "b1": damping / (motor * felt) + decay / motor, "a1": stiffness / reduced, "offset": 1.0}
+    viscous = decay * (motor + load_at_motor)
+    values = {"b2": 1.0 / motor, "b0": stiffness / (motor * load_at_motor), "a2": damping / reduced + decay,
+              "b1": damping / (motor * load_at_motor) + decay / motor, "a1": stiffness / reduced, "offset": 1.0}
     form = TransferForm(TWO_MASS, ratio=ratio, viscous=viscous)
     assert not why_impossible(values)
     found = to_physical(form, form.seeds([values[n] for n in TWO_MASS]))
@@ -109,11 +109,11 @@ def test_the_transfer_function_is_that_of_the_machine(motor, load, decay, ratio)
     machine = Machine((motor, load), (decay * motor, decay * load), stiffness=(400.0 * motor,),
                       damping=(1.5 * motor,), ratio=(ratio,))
     a, b, _ = equations(machine)
-    felt = load / ratio**2
+    load_at_motor = load / ratio**2
     ks, cs = 400.0 * motor / ratio**2, 1.5 * motor / ratio**2
-    total = motor + felt
-    values = [1.0 / motor, cs / (motor * felt) + decay / motor, ks / (motor * felt),
-              cs * total / (motor * felt) + decay, ks * total / (motor * felt), 0.0]
+    total = motor + load_at_motor
+    values = [1.0 / motor, cs / (motor * load_at_motor) + decay / motor, ks / (motor * load_at_motor),
+              cs * total / (motor * load_at_motor) + decay, ks * total / (motor * load_at_motor), 0.0]
     form = TransferForm(TWO_MASS, ratio=ratio, viscous=decay * total)
     frequency = np.array([0.03, 0.5, 3.0, 20.0])
     wanted = [np.linalg.solve(2j * np.pi * f * np.eye(4) - a, b[:, 0])[0] for f in frequency]
@@ -191,7 +191,7 @@ def test_rig_after_steady(rig, rig_truth):
 
 
 @pytest.mark.slow
-def test_rig_alone_tells_friction_and_idle_torque_too(rig, rig_truth):
+def test_a_rig_alone_identifies_friction_and_idle_torque_too(rig, rig_truth):
     estimate = blackbox([rig], two_mass(), Options())
     for name in (*SHAFT, "total.viscous", "total.idle_torque"):
         p = line(estimate, name)
@@ -314,7 +314,7 @@ def test_held_value_stays_and_says_so(rig):
     assert "motor.inertia" not in estimate.covariance.names
 
 
-# what cannot be told
+# what is not identifiable
 
 
 def test_a_wrong_sign_gives_no_parameters(rig):

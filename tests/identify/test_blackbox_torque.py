@@ -20,7 +20,7 @@ def lines_of(estimate):
 
 @pytest.mark.slow
 @pytest.mark.parametrize(("machine", "seed"), [(TABLE, 480_101), (HEAVY, 480_102)])
-def test_two_seconds_tell_inertias_stiffness_and_damping(machine, seed):
+def test_two_seconds_identify_inertias_stiffness_and_damping(machine, seed):
     true = truth_of(machine)
     lines = lines_of(blackbox([opened(steps_record(machine, seed, duration=2.0), "steps")], two_mass(), Options()))
     for name in SHAPE:
@@ -32,10 +32,10 @@ def test_two_seconds_tell_inertias_stiffness_and_damping(machine, seed):
 def test_the_chain_goes_on_where_a_start_diverges():
     """The known friction over a start's inertia of -2.5e-8 kg m^2 is a pole at which the simulation overflows."""
     true = truth_of(HEAVY)
-    told = steady([opened(steady_record(HEAVY, 109), "steady")], two_mass(), Options())
+    steady_fit = steady([opened(steady_record(HEAVY, 109), "steady")], two_mass(), Options())
     steps = [opened(steps_record(HEAVY, 109, duration=2.0), "steps")]
-    begun = blackbox(steps, told.drive, Options(known=told.covariance))
-    lines = lines_of(greybox(steps, begun.drive, Options(known=told.covariance)))
+    blackbox_fit = blackbox(steps, steady_fit.drive, Options(known=steady_fit.covariance))
+    lines = lines_of(greybox(steps, blackbox_fit.drive, Options(known=steady_fit.covariance)))
     for name in SHAPE:
         assert abs(lines[name].value - true[name]) < 3.0 * lines[name].std, name
 

@@ -141,7 +141,7 @@ def test_a_value_that_every_recording_has_for_itself_is_no_unknown_of_all():
 
 @pytest.mark.slow
 @pytest.mark.parametrize("criterion", ["auto", "inverse"])
-def test_a_recording_that_tells_nothing_of_what_is_freed_in_it(criterion):
+def test_a_recording_that_does_not_identify_what_is_freed_in_it(criterion):
     """One way at one speed: dry friction and idle torque are one there."""
     rng = np.random.default_rng(3)
     speed = 5.0 + 1e-3 * rng.standard_normal(4000)
@@ -168,8 +168,8 @@ def test_every_recording_begins_in_its_own_state():
     assert abs(line.value - 0.02) < 4.0 * line.std
     assert "held-value-rejected" in {f.code for f in wrong.findings} - {f.code for f in one.findings}
     assert one.details["known_start"] == {"motor.speed": 0.0, "b": {}}
-    begun = {recording_number("b" * 64): KnownStart(states={"motor.speed": float(later.signals["motor_speed"][0])})}
-    given = greybox([whole, later], drive, Options(start=KnownStart(records=begun)))
+    known = {recording_number("b" * 64): KnownStart(states={"motor.speed": float(later.signals["motor_speed"][0])})}
+    given = greybox([whole, later], drive, Options(start=KnownStart(records=known)))
     assert "held-value-rejected" not in {f.code for f in given.findings}
 
 

@@ -114,22 +114,22 @@ def test_the_noise_of_the_difference_does_not_count():
 
 
 @pytest.mark.parametrize("other", ["wl", "rl", "f"])
-def test_an_incredible_explanation_is_not_heard(other):
+def test_an_incredible_explanation_is_not_counted(other):
     disagreeing = field(**{other: [0.5, 2.0]})
     _, near, _ = parameter_uncertainty(disagreeing, errors(**{other: 1.9}), "coloured, laws", FREE)
     _, far, _ = parameter_uncertainty(disagreeing, errors(**{other: 2.1}), "coloured, laws", FREE)
     assert near[0] > 0.4 and far[0] == 0.0
 
 
-@pytest.mark.parametrize("blocks, heard", [(1.6, False), (2.9, False), (3.1, True), (5.9, True)])
-def test_what_a_witness_has_from_two_moments_alone_is_not_heard(blocks, heard):
+@pytest.mark.parametrize("blocks, counted", [(1.6, False), (2.9, False), (3.1, True), (5.9, True)])
+def test_a_candidate_value_from_two_blocks_alone_is_not_counted(blocks, counted):
     """1.6 fails where the least number is halved, 5.9 where it is doubled."""
     f = field(f=[0.5, 2.0])
     rare = replace(f.candidates["free runs, laws"], blocks=np.array([blocks, np.inf]))
     _, structure, _ = parameter_uncertainty(replace(f, candidates={**f.candidates, "free runs, laws": rare}),
                                             errors(),
                                             "coloured, laws", FREE)
-    assert (structure[0] > 0.4) == heard
+    assert (structure[0] > 0.4) == counted
 
 
 def test_free_runs_do_not_say_what_is_credible():
@@ -155,7 +155,7 @@ def test_both_parts_make_the_covariance_with_their_correlations():
     assert covariance[0, 1] == pytest.approx(-structure[0] * structure[1])  # the noise has no correlation here
 
 
-def test_of_a_measured_torque_only_what_has_no_noise_model_is_heard():
+def test_of_a_measured_torque_only_candidates_without_a_noise_model_count():
     disagreeing = field(cl=[0.5, 2.0], wl=[0.5, 2.0])
     _, structure, _ = parameter_uncertainty(disagreeing, errors(), "regression, laws", FREE, measured=True)
     assert structure == pytest.approx([0.0, 0.0])
@@ -175,7 +175,7 @@ def test_what_runs_away_is_never_chosen():
     assert choose_candidate(errors(cl=np.inf, f=np.inf)) == "white, laws"
 
 
-def test_free_runs_are_no_witness_of_the_friction_of_several_bodies():
+def test_free_runs_are_no_candidate_for_the_friction_of_several_bodies():
     names = ("motor.inertia", "motor.viscous")
     given = field(f=[1.1, 2.2])
     several = replace(given, task=replace(given.task, drive=two_mass()))

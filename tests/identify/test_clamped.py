@@ -131,7 +131,7 @@ def test_a_noisy_sensor_does_not_refute_a_clamp():
 
 
 @pytest.mark.parametrize("share, stands", [(0.03, True), (0.09, False)])
-def test_a_sensor_of_the_clamped_body_is_asked_first(share, stands):
+def test_a_sensor_of_the_clamped_body_is_checked_first(share, stands):
     assert MAX_CLAMP_MOTION == 0.05
     record = moving(SWING, share * SWING)
     if stands:

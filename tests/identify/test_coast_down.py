@@ -17,7 +17,7 @@ from drivetool.identify.estimate.estimate import Covariance
 from drivetool.identify.setup.options import Options
 from drivetool.identify.setup.start import KnownStart
 from drivetool.identify.steady.estimator import steady
-from tests.coasting import RPM, STEP, Motor, counts, driven_then_off, motion, recording, run_down
+from tests.coasting import RPM, STEP, Motor, coast_down, counts, driven_then_off, motion, recording
 
 PAPER = Motor()
 RATIOS = {"viscous_over_inertia": PAPER.viscous / PAPER.inertia,
@@ -37,8 +37,8 @@ def codes(estimate):
     return {f.code for f in estimate.findings}
 
 
-def test_the_run_down_of_the_paper_tells_both_ratios_and_nothing_else():
-    estimate = steady([run_down(1)], one_body(), Options())
+def test_the_coast_down_of_the_paper_identifies_both_ratios_and_nothing_else():
+    estimate = steady([coast_down(1)], one_body(), Options())
     for name, (value, std, _) in intervals_of(estimate, RATIOS).items():
         assert value == pytest.approx(RATIOS[name], rel=2e-4)
         assert 1.96 * std < 2e-4 * value
@@ -83,7 +83,7 @@ def test_a_torque_scale_wrong_by_one_per_cent_is_one_per_cent_of_the_inertia():
 
 def test_a_known_added_inertia_gives_the_scale():
     added = 5e-5
-    plain, loaded = run_down(1), run_down(2, replace(PAPER, inertia=PAPER.inertia + added))
+    plain, loaded = coast_down(1), coast_down(2, replace(PAPER, inertia=PAPER.inertia + added))
     drive = replace(one_body(), records={loaded.name: loaded.sha256}).with_values(
         {f"motor.added_inertia@{loaded.name}": added})
     found = intervals_of(steady([plain, loaded], drive, COAST_DOWN), VALUES)
@@ -96,7 +96,7 @@ def test_a_known_added_inertia_gives_the_scale():
 def test_an_unknown_added_inertia_is_a_ratio():
     """Belt and pulley: on, and taken off."""
     added = 5e-5
-    plain, loaded = run_down(1), run_down(2, replace(PAPER, inertia=PAPER.inertia + added))
+    plain, loaded = coast_down(1), coast_down(2, replace(PAPER, inertia=PAPER.inertia + added))
     name = f"motor.added_inertia@{loaded.name}"
     drive = replace(one_body(), records={loaded.name: loaded.sha256}).with_values({name: 1e-5})
     estimate = steady([plain, loaded], drive, replace(COAST_DOWN, free=(name,)))
@@ -111,7 +111,7 @@ def test_an_unknown_added_inertia_is_a_ratio():
 def test_what_is_held_gives_the_scale(name):
     drive = one_body().with_values({name: VALUES[name]})
     others = {n: v for n, v in VALUES.items() if n != name}
-    found = intervals_of(steady([run_down(1)], drive, replace(COAST_DOWN, hold=(name,))), others)
+    found = intervals_of(steady([coast_down(1)], drive, replace(COAST_DOWN, hold=(name,))), others)
     assert len(found) == 2
     for other, (value, std, _) in found.items():
         assert abs(value - VALUES[other]) < 3.5 * std and std < 1e-4 * value
@@ -121,7 +121,7 @@ def test_a_friction_by_its_file_gives_the_scale_with_its_uncertainty():
     drive, std = one_body().with_values({"motor.coulomb": PAPER.coulomb}), 0.03 * PAPER.coulomb
     known = Covariance(("motor.coulomb",), np.array([[std**2]]))
     value, found, held = intervals_of(
-        steady([run_down(1)], drive, replace(COAST_DOWN, known=known)), VALUES)["motor.inertia"]
+        steady([coast_down(1)], drive, replace(COAST_DOWN, known=known)), VALUES)["motor.inertia"]
     assert found / value == pytest.approx(0.03, rel=0.01)
     assert held
 
@@ -129,13 +129,13 @@ def test_a_friction_by_its_file_gives_the_scale_with_its_uncertainty():
 def test_an_idle_torque_by_its_file_is_no_scale_in_one_direction():
     drive = one_body().with_values({"motor.idle_torque": 0.01})
     known = Covariance(("motor.idle_torque",), np.array([[1e-8]]))
-    estimate = steady([run_down(1)], drive, replace(COAST_DOWN, known=known))
+    estimate = steady([coast_down(1)], drive, replace(COAST_DOWN, known=known))
     assert all(p.std is None for p in estimate.parameters) and "ratios-only" in codes(estimate)
 
 
 def test_a_held_inertia_of_two_bodies_is_the_scale():
     drive = two_mass().with_values({"motor.inertia": 5e-5, "load.inertia": PAPER.inertia - 5e-5})
-    estimate = steady([run_down(1)], drive, replace(COAST_DOWN, hold=("load.inertia",)))
+    estimate = steady([coast_down(1)], drive, replace(COAST_DOWN, hold=("load.inertia",)))
     lines = {p.name: p for p in estimate.parameters}
     assert abs(lines["total.viscous"].value - PAPER.viscous) < 3.5 * lines["total.viscous"].std
     assert abs(lines["motor.coulomb"].value - PAPER.coulomb) < 3.5 * lines["motor.coulomb"].std
@@ -159,7 +159,7 @@ def test_what_the_step_does_not_take_is_refused(change):
 
 def test_a_start_value_of_the_inertia_is_no_scale():
     for start in (1e-5, 1e-3):
-        estimate = steady([run_down(1)], one_body().with_values({"motor.inertia": start}), COAST_DOWN)
+        estimate = steady([coast_down(1)], one_body().with_values({"motor.inertia": start}), COAST_DOWN)
         assert all(p.std is None for p in estimate.parameters)
         assert intervals_of(estimate, RATIOS)["viscous_over_inertia"][0] == pytest.approx(1.23327, rel=1e-4)
 
@@ -177,7 +177,7 @@ def test_to_standstill_and_backwards(pulses):
             assert std < 1e-4 * value and abs(value - truth) < 3.5 * std, (sign, name)
 
 
-def test_both_directions_tell_the_idle_torque():
+def test_both_directions_identify_the_idle_torque():
     idle = 0.002
     angles = [motion(replace(PAPER, coulomb=PAPER.coulomb + s * idle), lambda t: 0.0, 2000 * RPM, 80 * RPM, 5.0)[0]
               for s in (1.0, -1.0)]
@@ -196,7 +196,7 @@ def test_of_two_bodies_the_whole_runs_down():
     values = {p.name: p.value for p in estimate.parameters}
     assert values["load.inertia"] == pytest.approx(PAPER.inertia - 5e-5, rel=1e-3)
     assert estimate.drive.values["total.viscous"] == pytest.approx(PAPER.viscous, rel=1e-3)
-    ratios = steady([run_down(1)], two_mass(), COAST_DOWN)
+    ratios = steady([coast_down(1)], two_mass(), COAST_DOWN)
     assert intervals_of(ratios, RATIOS)["coulomb_over_inertia"][0] == pytest.approx(148.55, rel=1e-4)
     assert "load.inertia" not in ratios.drive.values
 
@@ -231,17 +231,18 @@ def test_an_encoder_that_errs_beyond_its_counts_is_said_and_widens_the_intervals
 
 @pytest.mark.slow
 def test_a_friction_of_another_law_is_said():
-    estimate = steady([run_down(1, replace(PAPER, drag=1e-8))], one_body(), COAST_DOWN)
+    estimate = steady([coast_down(1, replace(PAPER, drag=1e-8))], one_body(), COAST_DOWN)
     assert "nonlinear-friction" in codes(estimate)
-    mended = steady([run_down(1, replace(PAPER, drag=1e-8))], one_body(), replace(COAST_DOWN, free=("motor.drag",)))
+    mended = steady([coast_down(1, replace(PAPER, drag=1e-8))], one_body(),
+                    replace(COAST_DOWN, free=("motor.drag",)))
     assert "nonlinear-friction" not in codes(mended)
     (line,) = (p for p in mended.ratios if p.name == "drag_over_inertia")
     assert abs(line.value - 1e-8 / PAPER.inertia) < 3.5 * line.std
 
 
 @pytest.mark.slow
-def test_run_downs_of_a_drive_that_warms_up_differ_and_the_interval_is_of_their_mean():
-    runs = [run_down(k, replace(PAPER, viscous=PAPER.viscous * (1.0 - 0.01 * k))) for k in range(4)]
+def test_coast_downs_of_a_drive_that_warms_up_differ_and_the_interval_is_of_their_mean():
+    runs = [coast_down(k, replace(PAPER, viscous=PAPER.viscous * (1.0 - 0.01 * k))) for k in range(4)]
     estimate = steady(runs, one_body(), COAST_DOWN)
     (finding,) = (f for f in estimate.findings if f.code == "scatter-beyond-noise")
     assert finding.evidence["viscous"] == pytest.approx(-3.0, abs=0.1)
@@ -252,12 +253,12 @@ def test_run_downs_of_a_drive_that_warms_up_differ_and_the_interval_is_of_their_
     value, std, held = intervals_of(estimate, {"viscous_over_inertia": RATIOS["viscous_over_inertia"] * 0.985})[
         "viscous_over_inertia"]
     assert held and std / value == pytest.approx(0.0065, rel=0.1)
-    alike = steady([run_down(k) for k in range(4)], one_body(), COAST_DOWN)
+    alike = steady([coast_down(k) for k in range(4)], one_body(), COAST_DOWN)
     assert "scatter-beyond-noise" not in codes(alike)
 
 
 @pytest.mark.slow
-def test_no_interval_of_a_run_down_is_steady_before_it_stands():
+def test_no_interval_of_a_coast_down_is_steady_before_standstill():
     """Driven at a constant speed, then off: by counts, by four times as many, by speed, by a noisy speed."""
     rng, k = np.random.default_rng(4), 8000
     for seed in range(20):
@@ -300,7 +301,7 @@ def test_a_noisy_torque_is_off_where_it_is_no_more_than_noise():
     ({"motor_angle": np.zeros(8000)}, "coasts down"),
     ({"motor_angle": np.floor(np.sqrt(np.arange(8000.0)) / 8.0) * 1e-2, "motor_torque": np.zeros(8000)},
      "20 counts")])
-def test_what_is_no_run_down_is_refused_with_what_to_record(signals, says):
+def test_what_is_no_coast_down_is_refused_with_what_to_record(signals, says):
     with pytest.raises(DriveToolError, match=says) as caught:
         steady([recording(1, **signals)], one_body(), COAST_DOWN)
     assert "ecord" in str(caught.value)
@@ -310,7 +311,7 @@ BREAKAWAY = replace(COAST_DOWN, free=("motor.breakaway", "motor.breakaway_speed"
 
 
 def to_standstill(speed, seed):
-    """A run-down by counts of a motor whose breakaway torque is 1.5 times its Coulomb friction."""
+    """A coast-down by counts of a motor whose breakaway torque is 1.5 times its Coulomb friction."""
     motor = replace(PAPER, surplus=0.5 * PAPER.coulomb, breakaway_speed=speed)
     angle, _ = motion(motor, lambda t: 0.0, 2240 * RPM, 1e-3, 5.0)
     return recording(seed, motor_angle=counts(angle, seed))
@@ -319,7 +320,7 @@ def to_standstill(speed, seed):
 @pytest.mark.slow
 @pytest.mark.parametrize("seed", [1, 2])
 @pytest.mark.parametrize("speed", [5.0, 20.0])
-def test_breakaway_in_a_run_down_to_standstill(speed, seed):
+def test_breakaway_in_a_coast_down_to_standstill(speed, seed):
     estimate = steady([to_standstill(speed, seed)], one_body(), BREAKAWAY)
     surplus = 0.5 * PAPER.coulomb / PAPER.inertia
     truths = RATIOS | {"breakaway_over_inertia": surplus, "motor.breakaway_speed": speed}
@@ -332,8 +333,8 @@ def test_breakaway_in_a_run_down_to_standstill(speed, seed):
 
 @pytest.mark.slow
 @pytest.mark.parametrize("speed", [0.02, 0.5])
-def test_a_breakaway_that_a_run_down_hardly_meets_is_not_told(speed):
-    e = run_down(1, replace(PAPER, surplus=0.5 * PAPER.coulomb)) if speed == 0.02 else to_standstill(speed, 1)
+def test_a_breakaway_that_a_coast_down_hardly_excites_is_not_identified(speed):
+    e = coast_down(1, replace(PAPER, surplus=0.5 * PAPER.coulomb)) if speed == 0.02 else to_standstill(speed, 1)
     estimate = steady([e], one_body(), BREAKAWAY)
     assert not any(p.name.startswith("breakaway") for p in estimate.ratios)
     (line,) = (p for p in estimate.parameters if p.name == "motor.breakaway_speed")
@@ -343,16 +344,16 @@ def test_a_breakaway_that_a_run_down_hardly_meets_is_not_told(speed):
 
 
 @pytest.mark.slow
-def test_a_run_down_with_breakaway_fitted_without_it_is_said():
+def test_a_coast_down_with_breakaway_fitted_without_it_is_reported():
     estimate = steady([to_standstill(5.0, 1)], one_body(), COAST_DOWN)
     assert "nonlinear-friction" in codes(estimate)
 
 
 @pytest.mark.parametrize("factor", [0.5, 2.0])
-def test_half_and_double_of_a_count_per_sample_as_its_error_is_wrong(monkeypatch, factor):
+def test_half_and_double_of_the_quantisation_std_are_wrong(monkeypatch, factor):
     monkeypatch.setattr("drivetool.identify.coast_down.readings.UNIFORM_STD", factor / np.sqrt(12.0))
-    e = run_down(1)
-    begun = one_body().with_values({"motor.inertia": 1.0, "motor.viscous": 1.2, "motor.coulomb": 148.0})
+    e = coast_down(1)
+    start = one_body().with_values({"motor.inertia": 1.0, "motor.viscous": 1.2, "motor.coulomb": 148.0})
     run = fitting.Run(reading_of(e, 0, e.size), np.zeros((e.size, 1)), 0, "a", 0.0, {})
-    found = fitting.fit(begun, ("motor.viscous", "motor.coulomb"), [run], fitting.NO_PRIOR)
+    found = fitting.fit(start, ("motor.viscous", "motor.coulomb"), [run], fitting.NO_PRIOR)
     assert not 0.9 < found.chi_square / found.dof < 1.1 or found.readings[0].error > 1e-4

@@ -1,4 +1,4 @@
-"""A run-down fitted window by window: its bias is stated, and is the one that the published windows have."""
+"""A coast-down fitted window by window: its bias is stated, and is the one that the published windows have."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from drivetool.drive import one_body, two_mass
 from drivetool.errors import BadOption, NotEnoughData
 from drivetool.identify.setup.options import Options
 from drivetool.identify.steady.estimator import steady
-from tests.coasting import RPM, Motor, counts, driven_then_off, motion, recording, run_down
+from tests.coasting import RPM, Motor, coast_down, counts, driven_then_off, motion, recording
 
 PAPER = Motor()
 PRINTED = tuple((a * RPM, b * RPM) for a, b in ((1600, 750), (750, 300), (300, 80)))
@@ -39,7 +39,7 @@ def effective(high, low, coulomb=0.0):
 
 
 def test_without_coulomb_friction_in_the_first_window_viscous_friction_is_twice_what_it_is():
-    joint, staged = (steady([run_down(1)], one_body(), how) for how in (replace(STAGED, stages=()), STAGED))
+    joint, staged = (steady([coast_down(1)], one_body(), how) for how in (replace(STAGED, stages=()), STAGED))
     old, new = ratios(joint), ratios(staged)
     truth = PAPER.viscous / PAPER.inertia
     assert new[NAMES[0]].value == pytest.approx(effective(*PRINTED[0]), rel=0.05)
@@ -60,7 +60,7 @@ def test_without_coulomb_friction_in_the_first_window_viscous_friction_is_twice_
 @pytest.mark.parametrize("share", [1.0, 0.9])
 def test_a_known_coulomb_friction_takes_its_own_error_into_the_viscous_one(share):
     drive = one_body().with_values({"motor.inertia": PAPER.inertia, "motor.coulomb": share * PAPER.coulomb})
-    staged = steady([run_down(1)], drive, replace(STAGED, hold=("motor.inertia",)))
+    staged = steady([coast_down(1)], drive, replace(STAGED, hold=("motor.inertia",)))
     values = {p.name: p for p in staged.parameters}
     off = values["motor.viscous"].value / PAPER.viscous - 1.0
     # What Coulomb friction lacks is in the viscous one, about as much as it is of it in the middle of the window.
@@ -79,7 +79,7 @@ def test_a_stretch_under_torque_gives_the_inertia_of_the_first_window():
 
 
 @pytest.mark.slow
-def test_three_windows_of_a_run_down_with_breakaway():
+def test_three_windows_of_a_coast_down_with_breakaway():
     motor = replace(PAPER, surplus=0.5 * PAPER.coulomb, breakaway_speed=5.0)
     angle, _ = motion(motor, lambda t: 0.0, 2240 * RPM, 1e-3, 5.0)
     free = ("motor.breakaway", "motor.breakaway_speed")
@@ -109,9 +109,9 @@ def test_a_window_that_ends_on_a_bound_says_so():
 
 
 @pytest.mark.slow
-def test_the_printed_windows_tell_no_breakaway():
+def test_the_printed_windows_identify_no_breakaway():
     free = ("motor.breakaway", "motor.breakaway_speed")
-    staged = steady([run_down(1)], one_body(), replace(STAGED, free=free, stages=PRINTED))
+    staged = steady([coast_down(1)], one_body(), replace(STAGED, free=free, stages=PRINTED))
     (line,) = (p for p in staged.parameters if p.name == "motor.breakaway_speed")
     assert line.status == "not-identifiable" and set(ratios(staged)) == set(NAMES)
 
@@ -123,7 +123,7 @@ def test_the_printed_windows_tell_no_breakaway():
     (one_body(), {"method": "speeds"}, BadOption, "with --stages")])
 def test_what_cannot_be_staged_is_refused(drive, change, error, says):
     with pytest.raises(error, match=says):
-        steady([run_down(1)], drive, replace(STAGED, **change))
+        steady([coast_down(1)], drive, replace(STAGED, **change))
 
 
 def test_windows_in_words():

@@ -30,8 +30,8 @@ def falling(first, last, size=4000, noise=0.0):
     return np.linspace(first, last, size) + noise * np.random.default_rng(1).standard_normal(size)
 
 
-def begun():
-    """A controller holds the speed within 1 % until the drive is switched off: there the run-down begins."""
+def coasting():
+    """A controller holds the speed within 1 % until the drive is switched off: there the coast-down begins."""
     k, fast = 4000, 2000 * RPM
     held = fast * (1.0 + 0.01 * np.sin(2.0 * np.pi * 3.0 * STEP * np.arange(k)))
     (stretch,) = off(recording(1, motor_speed=np.concatenate([held, motion(Motor(), lambda t: 0.0, fast, 80 * RPM,
@@ -41,7 +41,7 @@ def begun():
 
 
 def falls():
-    """What loses 0.7 % of its speed is held by something, such as a controller; 1.5 % are a run-down."""
+    """What loses 0.7 % of its speed is held by something, such as a controller; 1.5 % are a coast-down."""
     zero = np.zeros(4000)
     assert not off(recording(1, motor_speed=falling(100.0, 99.2), motor_torque=zero))
     assert off(recording(1, motor_speed=falling(100.0, 98.3), motor_torque=zero))
@@ -55,7 +55,7 @@ def steps():
 
 
 def least():
-    """Less than fifty samples tell nothing; seventy are a run-down."""
+    """Less than fifty samples are not enough; seventy are a coast-down."""
     speed, driven = np.concatenate([np.full(4000, 100.0), falling(100.0, 60.0, 70)]), np.arange(4070) < 4000
     found = recording(1, motor_speed=speed, motor_torque=0.1 * driven)
     assert len(off(found)) == 1
@@ -123,8 +123,8 @@ def lasting():
     assert readings._phase_locked(1.0 - k / 30.0**2).any()
 
 
-def tells():
-    """A surplus 1.4 of its standard deviations from zero is a guess; one that is 2.5 away is told."""
+def identified():
+    """A surplus 1.4 of its standard deviations from zero is a guess; one that is 2.5 away is identified."""
     for share, guess in ((0.7, True), (0.4, False)):
         fitted = CoastDownFit(("motor.drag",), np.ones(1), np.array([[share**2]]), np.ones((1, 1)), (), (),
                               np.ones(1),
@@ -133,7 +133,7 @@ def tells():
 
 
 def said(misfit=1.0, together=None):
-    """The findings of a run-down, by code."""
+    """The findings of a coast-down, by code."""
     fitted = SimpleNamespace(misfit=misfit)
     spread = report.CoastDownScatter(1.0, {"together": together} if together else {}, np.zeros((1, 1)))
     return {f.code: f
@@ -169,13 +169,13 @@ def lead():
     assert named(0.0, 65.0, 50.0) == (("stribeck",),)
 
 
-CHECKS = {(stretches, "START_SPEED_SHARE"): begun, (stretches, "MIN_SPEED_LOSS"): falls,
+CHECKS = {(stretches, "START_SPEED_SHARE"): coasting, (stretches, "MIN_SPEED_LOSS"): falls,
           (stretches, "MIN_MOTION_STEPS"): steps,
           (stretches, "MIN_COAST_DOWN_SAMPLES"): least, (stretches, "OFF_TORQUE_STDS"): noise,
           (stretches, "COUNTER_TOLERANCE"): register,
           (readings, "COUNTS_AROUND"): around, (readings, "MAX_QUANTISED_NOISE"): counted,
           (readings, "LOCKED_RANGE"): locked,
-          (readings, "MIN_LOCKED_SAMPLES"): lasting, (report, "MAX_STD_TO_VALUE"): tells,
+          (readings, "MIN_LOCKED_SAMPLES"): lasting, (report, "MAX_STD_TO_VALUE"): identified,
           (report, "MISFIT_SIGNIFICANCE"): unlikely, (report, "MAX_THERMAL_FACTOR"): heated,
           (laws, "MIN_LAW_LIKELIHOOD_LEAD"): lead}
 NAMES = [name for _, name in CHECKS]

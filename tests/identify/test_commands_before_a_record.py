@@ -31,7 +31,7 @@ def test_a_stretch_goes_on_as_the_record_of_which_it_is_cut():
 
 @pytest.mark.parametrize(("delay", "free", "missing"), [
     (0.0, (), 0), (DELAY, (), 5), (0.0, ("converter.dead_time",), 2)])
-def test_sensors_are_not_heard_before_the_first_torque_has_come_through(delay, free, missing):
+def test_sensor_samples_before_the_first_torque_has_come_through_are_left_out(delay, free, missing):
     drive = one_body().with_values({"motor.inertia": 1.0, **({"converter.dead_time": delay} if delay else {})})
     led = after_transient(experiment(np.ones(2000), np.ones(2000)), drive, free)
     assert np.isnan(led.signals["motor_speed"]).sum() == missing
@@ -39,7 +39,7 @@ def test_sensors_are_not_heard_before_the_first_torque_has_come_through(delay, f
 
 
 @pytest.mark.slow
-def test_a_record_that_begins_under_another_torque_tells_the_dead_time(tmp_path):
+def test_a_record_that_begins_under_another_torque_identifies_the_dead_time(tmp_path):
     """The torque before it was zero: held to be that of the first sample, the dead time came out eleven errors off.
 
     The base takes nearly all of the motion for noise of the torque, from where the noise must find back.

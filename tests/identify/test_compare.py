@@ -67,9 +67,9 @@ def test_on_the_linear_axis_all_structures_agree_with_each_other_and_the_truth()
         # The simulation criterion states too small intervals under torque noise; the others' serve for it.
         for a, b in zip(figure(found, "physical", name).values, figure(found, "oe", name).values, strict=True):
             assert abs(a - b) < 0.01 * true[name]
-    notches = np.array([figure(found, s, "notch 1").values for s in ("oe", "bj", "physical",
+    anti_resonances = np.array([figure(found, s, "notch 1").values for s in ("oe", "bj", "physical",
         "physical-innovations")])
-    assert np.ptp(notches) < 0.1 and not anti_resonance_differs(found)
+    assert np.ptp(anti_resonances) < 0.1 and not anti_resonance_differs(found)
     names = [m.record for m in found.models[:3]]
     assert all(np.all(table(found, s, names) > 98.0) for s in ("oe", "bj", "physical", "physical-innovations"))
     assert {m.structure: m.noise_parameters for m in found.models} == {
@@ -78,7 +78,7 @@ def test_on_the_linear_axis_all_structures_agree_with_each_other_and_the_truth()
 
 @pytest.mark.slow
 def test_on_the_axis_with_gap_and_friction_it_is_as_published():
-    """Output error simulates best, and the low amplitude has the lower notch and fits nothing else."""
+    """Output error simulates best, and the low amplitude has the lower anti-resonance and fits nothing else."""
     found = robot("gap", "oe", "innovations")
     names = [m.record for m in found.models[:3]]
     chirp, low, high = range(3)
@@ -89,16 +89,16 @@ def test_on_the_axis_with_gap_and_friction_it_is_as_published():
         assert oe[same] > 85.0
     for other in ((chirp, low), (low, chirp), (high, low), (low, high)):
         assert oe[other] < 80.0
-    notch = figure(found, "oe", "notch 1").values
-    assert notch[low] < min(notch[chirp], notch[high]) - 3.0
+    anti_resonance = figure(found, "oe", "notch 1").values
+    assert anti_resonance[low] < min(anti_resonance[chirp], anti_resonance[high]) - 3.0
     assert anti_resonance_differs(found) and found.outcome.startswith("oe ")
 
 
 def test_the_reference_makes_the_indirect_estimate_in_closed_loop():
     s = spectra([record("robot", "chirp_linear")], SpectraOptions(length=1.0))
     assert s.mean.method == "indirect" and s.feedback.significant
-    notch = min((p for p in s.peaks if p["kind"] == "anti-resonance"), key=lambda p: p["hz"])
-    assert notch["hz"] == pytest.approx(93.1 / 2 / np.pi, abs=1.0)
+    anti_resonance = min((p for p in s.peaks if p["kind"] == "anti-resonance"), key=lambda p: p["hz"])
+    assert anti_resonance["hz"] == pytest.approx(93.1 / 2 / np.pi, abs=1.0)
     alone = record("robot", "chirp_linear")
     alone = replace(alone, signals={k: v for k, v in alone.signals.items() if k != "reference_speed"})
     codes = {f.code for f in spectra([alone], SpectraOptions(length=1.0, method="welch")).findings}
@@ -155,7 +155,7 @@ def test_standstill_with_held_wheels_and_an_acceleration_test():
     estimate = greybox([record("bus", "acceleration")], moving, Options(hold=held))
     lines = {p.name: p for p in estimate.parameters}
     assert lines["wheels.carried_mass"].value == pytest.approx(12350.0, rel=0.02)
-    assert lines["total.idle_torque"].value == pytest.approx(1089.0 / 8.79, rel=0.02)  # as the motor feels it
+    assert lines["total.idle_torque"].value == pytest.approx(1089.0 / 8.79, rel=0.02)  # referred to the motor
 
 
 def test_what_is_missing_from_a_record_leaves_the_mean_out():

@@ -50,7 +50,7 @@ def drive_of(machine):
 
 
 def truth(machine):
-    """Name -> value: all parameters, first notch and resonance [rad/s]."""
+    """Name -> value: all parameters, first anti-resonance and resonance [rad/s]."""
     drive, found = (two_mass() if machine.bodies == 2 else three_mass()), {}
     for field in ("inertia", "viscous"):
         found |= {f"{b}.{field}": v for b, v in zip(drive.bodies, getattr(machine, field), strict=True)}
@@ -58,7 +58,7 @@ def truth(machine):
         found |= {f"{s}.{field}": v for s, v in zip(drive.shafts, getattr(machine, field), strict=True)}
     n = 2 * machine.bodies - 1
     a = equations(machine)[0][:n, :n]
-    for name, matrix in (("notch", a[1:, 1:]), ("resonance", a)):
+    for name, matrix in (("anti-resonance", a[1:, 1:]), ("resonance", a)):
         found[name] = min(abs(s) for s in np.linalg.eigvals(matrix) if s.imag > 0.0)
     return found
 
@@ -78,7 +78,7 @@ def check_coverage(case, values, inside, bound):
 
 @pytest.mark.study
 @pytest.mark.parametrize("case", CASES)
-def test_notch_resonance_and_physical_parameters(case):
+def test_anti_resonance_resonance_and_physical_parameters(case):
     """Coverage over at least 2000 fits, and how sharp they are."""
     kind, machine, torque_noise = CASES[case]
     drive, true, u = drive_of(machine), truth(machine), torque(machine)
@@ -91,7 +91,7 @@ def test_notch_resonance_and_physical_parameters(case):
         found, covariance, _ = conversion(drive, f)
         if covariance is not None:
             own = ringing_frequencies_with_std(drive, found, covariance)
-            found |= {"notch": own["notch 1"], "resonance": own["resonance 1"]}
+            found |= {"anti-resonance": own["notch 1"], "resonance": own["resonance 1"]}
         for name, value in true.items():
             v, std = found.get(name, (np.nan, None))
             inside[name].append(std is not None and abs(v - value) < 1.96 * std)

@@ -90,7 +90,7 @@ def test_nothing_is_loosened_for_a_normal_load():
     assert with_uncertain_values_free(task(VALUES | {"load.inertia": 0.5}), Options(known=known())) is None
 
 
-def test_a_sum_of_friction_that_was_asked_for_stays_one():
+def test_a_requested_sum_of_friction_stays_one():
     loose = with_uncertain_values_free(task(), Options(known=known(), free=("total.viscous",)))
     assert "total.viscous" in loose.free and "load.viscous" not in loose.free
 
@@ -101,7 +101,7 @@ def test_parts_known_from_an_earlier_fit_are_free_again():
     assert {"motor.viscous", "load.viscous"} <= set(loose.free) and "total.viscous" not in loose.free
 
 
-def test_the_share_of_a_load_is_that_felt_at_the_motor():
+def test_the_share_of_a_load_is_referred_to_the_motor():
     drive = vehicle().with_values({"motor.inertia": 0.1, "wheels.inertia": 2.0, "wheels.carried_mass": 1000.0,
                                    "wheels.radius": 0.3, "shaft.stiffness": 1e4, "shaft.ratio": 10.0})
     assert load_inertia_ratio(drive) == pytest.approx((2.0 + 1000.0 * 0.09) / 100.0 / 0.1, rel=1e-12)

@@ -58,7 +58,7 @@ def test_intervals_follow_from_the_joint_covariance():
     assert found["total_inertia_at_motor"].std < 1e-5 < found["resonance"].std
 
 
-def test_what_is_not_told_leaves_no_interval_where_it_counts():
+def test_what_is_not_identified_leaves_no_interval_where_it_counts():
     drive = drive_of(TABLE["light grey"])
     lines = [Parameter(p.name, p.value, p.unit, status="not-identifiable") if p.name == "load.inertia" else p
              for p in lines_of(drive, **{"motor.inertia": 0.01, "shaft.stiffness": 1.0})]
@@ -72,7 +72,7 @@ def test_what_is_not_told_leaves_no_interval_where_it_counts():
     assert found["resonance"].std is not None and found["resonance_damping_ratio"].std is None
 
 
-def test_a_value_that_nobody_asked_to_be_held_and_has_no_interval_leaves_none():
+def test_a_value_held_without_request_and_without_interval_leaves_none():
     """The shaft's damping is held at a guess: so is its damping ratio, and no resonance."""
     drive = drive_of(TABLE["light grey"])
     names = NAMES[:3]

@@ -28,7 +28,7 @@ FRICTIONS = ("motor.viscous", "load.viscous", "motor.idle_torque", "load.idle_to
 
 def not_identifiable(name, begins=None):
     """A finding on a parameter, or on others with the same code."""
-    return Finding("warning", "not-identifiable", f"{begins or name} cannot be told.", parameter=name)
+    return Finding("warning", "not-identifiable", f"{begins or name} is not identifiable.", parameter=name)
 
 
 def parameters_of_findings(estimate):
@@ -79,8 +79,8 @@ def test_only_the_findings_of_that_parameter_are_replaced():
     near = not_identifiable("shaft2.half_gap")
     together = not_identifiable(None, "shaft.half_gap, load.inertia")
     other = Finding("warning", "gap-ambiguous", "shaft.half_gap is one of two.", parameter="shaft.half_gap")
-    told = [near, not_identifiable("shaft.half_gap"), together, other]
-    assert without_not_identifiable_findings(told, {"shaft.half_gap"}) == [near, together, other]
+    findings = [near, not_identifiable("shaft.half_gap"), together, other]
+    assert without_not_identifiable_findings(findings, {"shaft.half_gap"}) == [near, together, other]
 
 
 def test_a_gap_with_a_lower_bound_is_reported_once():

@@ -33,7 +33,7 @@ def task_of(machine, seed=5, roles=ROLES, **values):
 @pytest.mark.parametrize("damping", [0.083, 0.863, 3.0])
 @pytest.mark.parametrize("law", ["inside", "always"])
 @pytest.mark.parametrize("name", RIGS)
-def test_dead_stretches_tell_gap_and_damping_without_a_simulation(name, law, damping):
+def test_dead_stretches_identify_gap_and_damping_without_a_simulation(name, law, damping):
     """Half gap within 1.5 %, the damping in the gap within 3 % of all, whatever damping the drive believes in."""
     machine = rig(name, law, damping)
     found = crossings(task_of(machine, damping=40.0))
@@ -61,8 +61,8 @@ def test_the_law_of_the_machine_is_named_and_its_gap_found(law):
                     values=task.drive.values | {"shaft.damping": 0.083})
     estimate = backlash(task.experiments, drive, Options())
     lines = {p.name: p for p in estimate.parameters}
-    (told,) = [f for f in estimate.findings if f.code == "gap-law"]
-    assert estimate.drive.damping_law == law and told.evidence["log_likelihood_lead"] > 1000.0
+    (finding,) = [f for f in estimate.findings if f.code == "gap-law"]
+    assert estimate.drive.damping_law == law and finding.evidence["log_likelihood_lead"] > 1000.0
     for name, true in (("shaft.half_gap", 0.156), ("shaft.damping", 0.863)):
         assert abs(lines[name].value - true) < 3.0 * lines[name].std, name
     assert lines["shaft.half_gap"].std < 1e-3 * 0.156
@@ -121,8 +121,8 @@ def test_the_law_is_named_where_the_motor_alone_is_measured(law, own):
     task = task_of(machine, 6, roles=ROLES[:2])
     drive = replace(task.drive, damping_law=own, values=task.drive.values | {"shaft.half_gap": 0.1})
     estimate = backlash(task.experiments, drive, Options(free=("shaft.damping",)))
-    (told,) = [f for f in estimate.findings if f.code == "gap-law"]
-    assert estimate.drive.damping_law == law and told.evidence["log_likelihood_lead"] > MIN_LAW_LEAD
+    (finding,) = [f for f in estimate.findings if f.code == "gap-law"]
+    assert estimate.drive.damping_law == law and finding.evidence["log_likelihood_lead"] > MIN_LAW_LEAD
     lines = {p.name: p for p in estimate.parameters}
     for name, true in (("shaft.half_gap", 0.131), ("shaft.damping", 2.01)):
         assert abs(lines[name].value - true) < 3.0 * lines[name].std, name
@@ -130,7 +130,7 @@ def test_the_law_is_named_where_the_motor_alone_is_measured(law, own):
 
 
 @pytest.mark.slow
-def test_a_gap_without_damping_asks_for_no_law():
+def test_a_gap_without_damping_requires_no_law():
     task = task_of(rig("heavy", "inside", 2.01), 6, roles=ROLES[:2])
     drive = replace(task.drive, values=task.drive.values | {"shaft.half_gap": 0.1, "shaft.damping": 0.0})
     estimate = backlash(task.experiments, drive, Options())

@@ -1,4 +1,4 @@
-"""What a user can ask of a grey-box fit, and what it says of itself."""
+"""What a user can request of a grey-box fit, and what it reports."""
 
 from __future__ import annotations
 
@@ -38,7 +38,7 @@ def start(off=0.1):
 
 
 @pytest.mark.slow
-def test_two_recordings_are_fitted_together_and_tell_more_than_one():
+def test_two_recordings_fitted_together_are_more_accurate_than_one():
     one = linear_record(MACHINE, 51, 4.0)
     two = linear_record(MACHINE, 52, 4.0)
     single = greybox([one], start(), Options())
@@ -132,7 +132,7 @@ def test_normal_equations_of_forgetful_coloured_noise_are_those_of_white():
 
 
 @pytest.mark.slow
-def test_motor_and_load_friction_are_not_told_apart_by_motor_speed_alone():
+def test_motor_and_load_friction_are_not_separable_by_motor_speed_alone():
     drive = start().with_values({"motor.viscous": 0.02, "load.viscous": 0.02})
     estimate = greybox([linear_record(MACHINE, 51)], drive,
                        Options(free=("motor.viscous", "load.viscous")))
@@ -143,7 +143,7 @@ def test_motor_and_load_friction_are_not_told_apart_by_motor_speed_alone():
 
 
 @pytest.mark.slow
-def test_speeds_of_both_ends_do_not_tell_the_idle_torques_apart():
+def test_speeds_of_both_ends_do_not_separate_the_idle_torques():
     """A constant torque moved from one end to the other only moves the twist, which no speed shows."""
     record = linear_record(MACHINE, 51)
     run = simulate_linear(MACHINE, record.signals["motor_torque"], STEP, running(MACHINE, 20.0),
@@ -190,7 +190,7 @@ def test_repeating_errors_of_a_second_sensor_are_said_too():
 
 
 @pytest.mark.slow
-def test_a_shaft_torque_sensor_tells_them_apart():
+def test_a_shaft_torque_sensor_separates_them():
     machine = replace(MACHINE, viscous=(0.4, 0.1))
     record = linear_record(machine, 51)
     run = simulate_linear(machine, record.signals["motor_torque"], STEP, running(machine, 20.0),
@@ -276,7 +276,7 @@ def test_the_start_speed_of_a_body_without_mass_stays():
 
 
 @pytest.mark.slow
-def test_a_gap_that_the_drive_lacks_is_asked_for_and_not_suspected():
+def test_a_gap_that_the_drive_lacks_is_requested_and_not_suspected():
     machine = machine_by_seed(21, gap=0.2)
     values = truth(machine)
     drive = drive_like(machine, SHAPE).with_values({n: values[n] for n in ("total.viscous", "total.idle_torque")})

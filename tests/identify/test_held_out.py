@@ -70,7 +70,7 @@ def test_a_part_and_the_rest_are_the_record(late, held, first, last):
     assert bool(part.start) == (first == 0.0)  # a recording begins where it begins
 
 
-def test_a_record_too_short_to_be_cut_is_not_asked():
+def test_a_record_too_short_to_be_cut_has_no_held_out_error():
     task = task_of(record(swing(250)))
     field = candidates_of(by_innovations(task, [{}]))
     short = replace(task, experiments=tuple(e.between(0.0, 20 * e.step) for e in task.experiments))

@@ -27,13 +27,13 @@ def test_by_the_intervals_of_both(value, far):
 
 @pytest.mark.parametrize(("load", "far"), [(1.2, False), (4.0, True)])
 def test_a_sum_is_held_against_its_parts_behind_their_gear(load, far):
-    """The motor feels a quarter of the load's friction behind a ratio of two: 0.2 + 0.3 is the sum, 0.2 + 1 not."""
+    """Behind a ratio of two a quarter of the load's friction counts: 0.2 + 0.3 is the sum, 0.2 + 1 not."""
     after = BEFORE.with_values({"motor.viscous": 0.2, "load.viscous": load})
     found = inconsistent_evidence(after, ["motor.viscous", "load.viscous"], [0.02, 0.08])
     assert found == ([{"total.viscous": pytest.approx(0.7 / np.sqrt(0.03**2 + 0.02**2 + 0.02**2))}] if far else [])
 
 
-def test_what_was_held_or_not_told_is_not_held_against():
+def test_what_was_held_or_not_identified_is_not_compared():
     after = BEFORE.with_values({"motor.inertia": 3.0})
     assert inconsistent_evidence(after, ["load.inertia"], [0.1]) == []
     assert inconsistent_with_prior(None, BEFORE, after, GIVEN) == []

@@ -81,6 +81,6 @@ def test_the_effective_number_of_blocks_is_that_of_equal_ones():
     np.testing.assert_allclose(found, [4.0, 1.0 / (0.64 + 0.01 + 0.01)])
 
 
-def test_a_drive_under_steps_is_told_by_most_blocks():
+def test_a_drive_under_steps_is_identified_by_most_blocks():
     found = scores_of(by_innovations(drawn("white", "", 2, 52), [{}])).blocks
     assert found.shape == (4,) and np.all((found > 4.0) & (found <= INFLUENCE_BLOCKS))

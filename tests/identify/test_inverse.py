@@ -63,7 +63,7 @@ def test_every_effect_on_a_body_is_here():
 
 
 @pytest.mark.parametrize("code", LAWS)
-def test_an_effect_asks_for_its_torque(code):
+def test_an_effect_requires_its_torque(code):
     values, expected = LAWS[code]
     values = {f"motor.{n}": v for n, v in values.items()}
     found, slopes = torque_of(values, values)
@@ -192,16 +192,16 @@ def test_what_is_said_of_the_reference():
     assert "weak-instrument" in codes(greybox([unrelated], MACHINES[0].start, Options(criterion="inverse")))
 
 
-def test_what_an_outer_loop_asks_for_is_no_instrument():
+def test_the_set_point_of_an_outer_loop_is_no_instrument():
     axis = MACHINES[2]
     made = loop_record(axis, 1, 0.03, seconds=8.0)
     s = made.signals
-    asked_for = s["reference_speed"] + axis.bandwidth / 3.0 * (s["reference_angle"] - s["motor_angle"])
+    reference_speed = s["reference_speed"] + axis.bandwidth / 3.0 * (s["reference_angle"] - s["motor_angle"])
     cascade = replace(made, signals={"motor_torque": s["motor_torque"], "motor_angle": s["motor_angle"],
-                                     "reference_speed": asked_for})
+                                     "reference_speed": reference_speed})
     e = greybox([cascade], axis.start, Options(criterion="inverse"))
-    told = next(f for f in e.findings if f.code == "weak-instrument")
-    assert "depends on the motion" in told.text and e.details["instruments"] == "none"
+    finding = next(f for f in e.findings if f.code == "weak-instrument")
+    assert "depends on the motion" in finding.text and e.details["instruments"] == "none"
 
 
 def test_an_open_loop_is_the_forward_fits_question():

@@ -40,19 +40,19 @@ def moved(machine, seed, noise=0.0, torque_noise=0.0, seconds=8.0, shaken=()):
 
 
 def values_of(machine):
-    told = {n: v for n, v in truth(machine).items() if not n.startswith("total.")}
-    return told | {"shaft.ratio": machine.ratio[0]}
+    values = {n: v for n, v in truth(machine).items() if not n.startswith("total.")}
+    return values | {"shaft.ratio": machine.ratio[0]}
 
 
 @pytest.mark.parametrize("machine", [MACHINE, GEARED], ids=["gap", "gear"])
-def test_the_chain_behind_asks_for_the_torque_that_the_simulator_has(machine):
+def test_the_chain_requires_the_torque_that_the_simulator_has(machine):
     record, run = moved(machine, 3)
     drive = two_mass().with_values(values_of(machine))
     seen = motions_of([record], "motor_speed").each[0]
-    found, told = torque_of_chain(drive, (), record, seen, {}), ~initial_transient(drive, record, seen, {})
+    found, settled = torque_of_chain(drive, (), record, seen, {}), ~initial_transient(drive, record, seen, {})
     mean = 0.5 * (run.shaft_torques[1:, 0] + run.shaft_torques[:-1, 0]) / machine.ratio[0]
-    off = (found.value[:-1] - mean)[told[:-1]]
-    assert told.mean() > 0.9
+    off = (found.value[:-1] - mean)[settled[:-1]]
+    assert settled.mean() > 0.9
     assert np.sqrt(np.mean(off**2)) < 1e-3 * np.std(mean)
 
 
@@ -62,7 +62,7 @@ def test_derivatives_are_those_of_the_values():
     seen = motions_of([record], "motor_speed").each[0]
     free = ("motor.inertia", "load.inertia", "load.viscous", "load.coulomb", "load.idle_torque", "shaft.stiffness",
             "shaft.damping", "shaft.half_gap", "shaft.ratio")
-    slopes, told = torque_of_chain(drive, free, record, seen, {}).slopes, ~initial_transient(drive, record, seen,
+    slopes, settled = torque_of_chain(drive, free, record, seen, {}).slopes, ~initial_transient(drive, record, seen,
                                                                                              {})
     assert not slopes[:, 0].any()
     for j, name in enumerate(free[1:], 1):
@@ -71,8 +71,8 @@ def test_derivatives_are_those_of_the_values():
                                     {}).value
                     for s in (1.0, -1.0))
         numeric = (up - down) / (2.0 * h)
-        size = np.sqrt(np.mean(numeric[told] ** 2))
-        off = np.abs(slopes[told, j] - numeric[told])
+        size = np.sqrt(np.mean(numeric[settled] ** 2))
+        off = np.abs(slopes[settled, j] - numeric[settled])
         # At the instant of a contact the difference straddles an event.
         assert np.quantile(off, 0.98) < 1e-3 * size, name
 

@@ -104,8 +104,8 @@ def test_of_a_gap_the_side_on_which_a_record_begins_may_be_known():
     machine = replace(MACHINE, half_gap=(0.02,), idle_torque=(0.0, 2.0))
     torque = alternating(2.0, (5.0, 8.0), (0.1, 0.2), 4, 0.1, STEP, 3)
     twist = 0.02 + 2.0 / 800.0
-    begun, noise = State((0.0, 0.0), (twist,), 0.0, 2.0), white_noise(len(torque), 0.02, 25)
-    run = simulate(machine, torque, STEP, begun, None, noise)
+    start_state, noise = State((0.0, 0.0), (twist,), 0.0, 2.0), white_noise(len(torque), 0.02, 25)
+    run = simulate(machine, torque, STEP, start_state, None, noise)
     data = experiment(torque, run.speeds[:, 0] + white_noise(len(torque), 0.002, 26))
     drive = two_mass().with_values(truth(machine) | {"shaft.half_gap": 0.0})
     start = KnownStart(True, {"shaft.twist": twist})

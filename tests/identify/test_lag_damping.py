@@ -5,8 +5,8 @@ from dataclasses import replace
 import pytest
 
 from tests.hidden import greybox_options, make_case, write_start
-from tests.hidden.beside import write_record
 from tests.hidden.command import greybox_and_diagnose
+from tests.hidden.custom_record import write_record
 from tests.hidden.profiles import profile
 
 DEFAULT = 0.69
@@ -15,7 +15,7 @@ DEFAULT = 0.69
 @pytest.mark.slow
 @pytest.mark.parametrize(("seed", "damping"), [
     pytest.param(71001, 1.0, marks=pytest.mark.long), (71002, DEFAULT)])
-def test_damping_is_told_where_it_is_another_and_left_alone_where_it_is_not(tmp_path, seed, damping):
+def test_the_damping_of_a_lag_is_estimated_only_where_it_differs(tmp_path, seed, damping):
     """Else a third mass or a filter would make up for it; of first order it is no lag of second order either."""
     case = make_case("none", seed, sensors=("motor_speed", "load_speed"), noise="quiet")
     machine = replace(case.rig.machine, converter_bandwidth=900.0, converter_damping=damping)

@@ -60,12 +60,12 @@ def test_nothing_is_found_where_the_model_is_right(number, seed):
     assert searched(drawn("white", "", number, seed))[0] == []
 
 
-def test_noise_that_feedback_puts_on_the_torque_is_felt():
+def test_noise_that_feedback_puts_on_the_torque_drives_the_machine():
     # A drive in closed loop behind a coarse sensor: its own noise comes back with the torque.
     assert MEASUREMENT_NOISE not in searched(drawn("white", "", 3, 63))[0]
 
 
-def test_noise_of_the_log_is_found_as_what_the_drive_does_not_feel():
+def test_noise_of_the_log_is_found_as_what_does_not_drive_the_machine():
     task = drawn("log-noise", "L", 2, 52)
     names, factors = searched(task)
     assert names[0] == MEASUREMENT_NOISE

@@ -34,7 +34,7 @@ def test_size_one_is_that_of_all_records_together():
     assert ratio == pytest.approx(np.sqrt(np.mean(b.speed**2) / np.mean(a.speed**2)), rel=1e-2)
 
 
-def test_friction_by_direction_is_asked_only_where_the_motion_turns_back():
+def test_friction_by_direction_is_a_candidate_only_where_the_motion_reverses():
     back, one_way = laws_of(swing()), laws_of(swing(offset=30.0))
     lost = {name for name in back.keys() - one_way.keys() if not name.startswith("Stribeck")}
     assert lost == {BACK, "time-varying friction"}

@@ -97,10 +97,10 @@ def test_the_stated_share_and_frequency_of_a_third_mass_are_those_of_the_machine
     """Free of the motor, a mass of share s on the rest of the load swings 1 / sqrt(1 - s) faster than on a wall."""
     _, law = arrange("load.third-mass", "L", 6, 3104, 2.0)
     outcome, white, *_ = fitted("load.third-mass", "L", 6, 3104)
-    told = missing_mass_finding(find_missing_structure(outcome, white, outcome)).evidence
-    assert told["share"] == pytest.approx(law.law.strength, abs=0.1)
+    evidence = missing_mass_finding(find_missing_structure(outcome, white, outcome)).evidence
+    assert evidence["share"] == pytest.approx(law.law.strength, abs=0.1)
     frequency = law.law.constants["frequency"] / np.sqrt(1.0 - law.law.strength)
-    assert told["frequency"] == pytest.approx(frequency, rel=0.1)
+    assert evidence["frequency"] == pytest.approx(frequency, rel=0.1)
 
 
 def test_the_shaft_torque_is_that_of_the_filtered_drive():

@@ -41,8 +41,8 @@ def two_sensors(true, calls=None, share=None):
         found = likelihood_of_passes(0.0, passes(e, v), mask)
         return type(found)(float(profiled(found)), found.innovations, found.variance)
 
-    heard_of = e if mask is None else e[mask[0]]
-    return listen, 0.5 * np.log(np.mean(heard_of[:, 1] ** 2) / np.mean(heard_of[:, 0] ** 2))
+    counted = e if mask is None else e[mask[0]]
+    return listen, 0.5 * np.log(np.mean(counted[:, 1] ** 2) / np.mean(counted[:, 0] ** 2))
 
 
 @pytest.mark.parametrize("share", [None, 0.5])

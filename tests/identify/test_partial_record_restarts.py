@@ -40,7 +40,7 @@ def test_a_part_that_cannot_be_fitted_does_not_fail_the_fit(error):
     experiment = SimpleNamespace(size=100, step=1e-3, between=lambda *_: experiment)
 
     @dataclass(frozen=True)
-    class Asked:
+    class TaskOfRecord:
         experiments: tuple = (experiment,)
 
         def at_point(self, _):
@@ -49,4 +49,5 @@ def test_a_part_that_cannot_be_fitted_does_not_fail_the_fit(error):
     def fails(*_):
         raise error
 
-    assert restart_from_partial_records(Asked(), SimpleNamespace(point=None, noise=None, value=0.0), fails) == []
+    solution = SimpleNamespace(point=None, noise=None, value=0.0)
+    assert restart_from_partial_records(TaskOfRecord(), solution, fails) == []

@@ -62,19 +62,19 @@ def test_friction_is_freed_and_the_inertia_is_right():
     assert "parameters-differ" not in [f.code for f in found.findings]
 
 
-def test_another_friction_is_told_and_nothing_else():
+def test_another_friction_is_reported_and_nothing_else():
     found = compared(servo(1), servo(11, replace(SERVO, coulomb=(0.015,)), "b"))
     assert {d.name for d in found.differences if d.differs} == {"motor.coulomb"}
     change = next(d for d in found.differences if d.differs)
     assert change.change == pytest.approx(0.003, abs=3.0 * change.std) and change.p < DIFFERENCE_SIGNIFICANCE
-    told = next(f for f in found.findings if f.code == "parameters-differ")
-    assert "between days" in told.text
+    finding = next(f for f in found.findings if f.code == "parameters-differ")
+    assert "between days" in finding.text
 
 
 @pytest.mark.slow
 @pytest.mark.parametrize("criterion", ["auto", "inverse"])
 def test_a_reversal_across_records_counts(criterion):
-    """Each record turns one way only; together they tell Coulomb friction from an idle torque."""
+    """Each record turns one way only; together they distinguish Coulomb friction from an idle torque."""
     machine = replace(SERVO, idle_torque=(0.004,))
     n = round(SECONDS / STEP)
     records = []
@@ -100,7 +100,7 @@ def group(rng, prefix, count, mean, scatter, std):
 
 @pytest.mark.slow
 @pytest.mark.parametrize("count, std", [(10, 0.1), (10, 1.5), (3, 0.5), (2, 0.5)])
-def test_equal_machines_are_hardly_ever_told_apart(count, std):
+def test_equal_machines_are_rarely_reported_as_different(count, std):
     """Whatever part of what varies is noise, and however few recordings there are."""
     rng, alarms, sets = np.random.default_rng([count, int(10 * std)]), 0, 500
     for _ in range(sets):
@@ -111,7 +111,7 @@ def test_equal_machines_are_hardly_ever_told_apart(count, std):
     assert alarms <= 0.08 * sets  # 5 % and three standard deviations
 
 
-def test_machines_that_differ_are_told():
+def test_machines_that_differ_are_reported():
     rng, right, sets = np.random.default_rng(6), 0, 200
     for _ in range(sets):
         figures = group(rng, "a", 10, np.zeros(4), 1.5, 0.2)
@@ -130,7 +130,7 @@ def test_records_differ_where_machines_do_not():
     assert not any(d.differs for d in between_machines("oe", figures, machines))
 
 
-def test_a_figure_that_one_recording_tells_is_not_compared():
+def test_a_figure_of_one_recording_is_not_compared():
     rng = np.random.default_rng(9)
     figures = group(rng, "a", 3, np.zeros(2), 1.0, 0.1) | group(rng, "b", 3, np.zeros(2), 1.0, 0.1)
     for name in ("b0", "b1"):

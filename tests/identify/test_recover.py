@@ -105,7 +105,7 @@ def test_a_record_that_begins_within_a_gap_that_is_never_crossed(fitted):
 
 
 @pytest.mark.slow
-def test_the_linear_parameters_of_a_light_load_are_fitted_again(fitted):
+def test_the_linear_parameters_of_a_low_load_inertia_are_fitted_again(fitted):
     # The gap-free record gives its inertia and stiffness to a few per cent, the contacts ten times better.
     machine, linear = machine_by_seed(237, gap=0.2), fitted(237)
     record, _ = gap_record(machine, 237)
@@ -121,7 +121,7 @@ def test_the_linear_parameters_of_a_light_load_are_fitted_again(fitted):
 
 
 @pytest.mark.slow
-def test_the_fit_of_a_light_load_is_reproducible(fitted):
+def test_the_fit_of_a_low_load_inertia_is_reproducible(fitted):
     machine, linear = machine_by_seed(240, gap=0.2), fitted(240)
     record, _ = gap_record(machine, 240)
     one, two = (backlash([record], linear.drive, Options(known=linear.covariance)) for _ in range(2))
@@ -130,7 +130,7 @@ def test_the_fit_of_a_light_load_is_reproducible(fitted):
 
 
 @pytest.mark.slow
-def test_a_light_load_whose_inertia_is_to_be_held_gets_a_warning_and_no_interval(fitted):
+def test_a_low_load_inertia_that_is_held_gets_a_warning_and_no_interval(fitted):
     machine, linear = machine_by_seed(25, gap=0.2), fitted(25)
     record, _ = gap_record(machine, 25)
     estimate = backlash([record], linear.drive, Options(known=linear.covariance, hold=("load.inertia",)))
@@ -140,7 +140,7 @@ def test_a_light_load_whose_inertia_is_to_be_held_gets_a_warning_and_no_interval
 
 
 @pytest.mark.slow
-def test_a_light_load_gets_a_warning_and_no_interval(fitted):
+def test_a_low_load_inertia_gets_a_warning_and_no_interval(fitted):
     machine = machine_by_seed(31, gap=0.2)  # load 0.14 of the motor
     record, _ = gap_record(machine, 31)
     estimate = backlash([record], fitted(31).drive, Options())

@@ -21,7 +21,7 @@ FREE = ("motor.inertia", "load.inertia", "shaft.stiffness", "shaft.damping", "to
 
 
 def weak(machine, size, draw, torque_noise, excitation):
-    """Steps of torque and a multisine whose lines move the speed by `shown` times its noise."""
+    """Steps of torque and a multisine whose lines move the speed by `excitation` times its noise."""
     rated, start = machine.rated_torque, running(machine, 20.0)
     torque = steps(start.torque, [0.15 * rated] * (size // 500), (0.4, 0.6), 0.4, STEP, 1)[:size]
     torque = torque + multisine(np.arange(3.0, 33.0, 3.0), 0.015 * rated, size * STEP, STEP, 2)[:size]

@@ -32,14 +32,14 @@ def test_a_carried_mass_is_no_wrong_unit():
     """The load carries 18 kg at 0.5 m. Without the mass the drive starts with a fourth of the inertia."""
     heavy = DRIVE.with_values({"motor.inertia": 0.5, "load.carried_mass": 18.0})
     assert suspect_channel_findings(task_of(heavy), heavy) == []
-    light = heavy.with_values({"load.carried_mass": 0.0})
-    assert [f.code for f in suspect_channel_findings(task_of(light), light)] == ["suspect-unit"]
+    unloaded = heavy.with_values({"load.carried_mass": 0.0})
+    assert [f.code for f in suspect_channel_findings(task_of(unloaded), unloaded)] == ["suspect-unit"]
 
 
 def test_a_fit_with_laws_overrides_the_regression_of_totals():
-    light = DRIVE.with_values({"motor.inertia": 0.5, "load.carried_mass": 0.0})
-    task = task_of(light)  # whose motion requires four times the inertia
-    assert suspect_channel_findings(task, light, explained=True) == []
-    far = light.with_values({"motor.inertia": 20.0})
+    unloaded = DRIVE.with_values({"motor.inertia": 0.5, "load.carried_mass": 0.0})
+    task = task_of(unloaded)  # whose motion requires four times the inertia
+    assert suspect_channel_findings(task, unloaded, explained=True) == []
+    far = unloaded.with_values({"motor.inertia": 20.0})
     (found,) = suspect_channel_findings(task, far, explained=True)
     assert found.evidence["factor"] == pytest.approx(21.0 / 1.5)

@@ -80,8 +80,8 @@ def test_the_flux_decay_is_waited_for_by_default():
     e = switched(5)
     spans = fitted(e).details["spans"]
     assert spans[1]["start"] - spans[0]["end"] == pytest.approx(3.0 * 2.06 / 42.2, abs=1e-4)
-    told = fitted(e, options=replace(COAST_DOWN_OPTIONS, flux_decay=0.3)).details["spans"]
-    assert told[1]["start"] - told[0]["end"] == pytest.approx(0.3, abs=1e-4)
+    stated_spans = fitted(e, options=replace(COAST_DOWN_OPTIONS, flux_decay=0.3)).details["spans"]
+    assert stated_spans[1]["start"] - stated_spans[0]["end"] == pytest.approx(0.3, abs=1e-4)
 
 
 @pytest.mark.slow

@@ -18,7 +18,7 @@ SIZE = 6000
 
 
 def record(machine, seed, excitation):
-    """Slow steps of torque, and a multisine about the resonance whose share of the rated torque is `shown`."""
+    """Slow steps of torque, and a multisine about the resonance whose share of the rated torque is `excitation`."""
     start, rated = running(machine, 20.0), machine.rated_torque
     torque = steps(start.torque, [0.08 * rated] * 8, (0.6, 1.0), 0.5, STEP, seed)[:SIZE]
     excited = multisine(np.linspace(0.3, 2.0, 9) * resonance(machine), rated, SIZE * STEP, STEP, seed)

@@ -25,8 +25,9 @@ def covariance(memory, slow, size):
     m, lags = memory or 0.0, np.arange(size)
     if slow is None:
         return toeplitz(m**lags) if memory else np.eye(size)
-    kick = (slow - 1.0) * (1.0 - m)
-    return toeplitz(kick**2 / (1.0 - m**2) * m**lags + np.where(lags > 0, kick * m ** (lags - 1.0), 1.0))
+    noise_gain = (slow - 1.0) * (1.0 - m)
+    return toeplitz(noise_gain**2 / (1.0 - m**2) * m**lags
+                    + np.where(lags > 0, noise_gain * m ** (lags - 1.0), 1.0))
 
 
 @pytest.mark.slow

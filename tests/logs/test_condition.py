@@ -341,7 +341,7 @@ def test_detrend_by_segment():
     assert abs(mean[:N // 2].mean()) < 1e-12 and abs(mean[N // 2:].mean()) < 1e-12
 
 
-def test_decimation_keeps_what_an_integrator_feels():
+def test_decimation_keeps_the_integral():
     # A speed that integrates the torque exactly under zero order hold does so after decimation.
     torque = lfilter([0.02], [1, -0.98], np.random.default_rng(1).normal(size=N))
     speed = np.concatenate([[0], np.cumsum(torque)[:-1]]) * STEP

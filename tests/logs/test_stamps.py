@@ -138,7 +138,7 @@ def test_the_inertia_of_coarse_stamps_is_that_of_whole_ones(step, resolution):
 # --- receive times in batches
 
 def receive_times(size, interval, step=0.002):
-    """Times at which messages of a uniform clock arrive when they wait for each other, `interval` seconds apart."""
+    """Times at which messages of a uniform clock arrive that wait for each other, one every `interval` seconds."""
     k = np.arange(N)
     return (k // size * size + size - 1) * step + (k % size) * interval + 1e-3
 
@@ -157,12 +157,12 @@ def messages(path, size, interval, published=True, stamped=True):
         writer.finish()
 
 
-@pytest.mark.parametrize(("size", "apart"), [(25, 2e-5), (4, 1e-4), (40, 0.0)])
+@pytest.mark.parametrize(("size", "interval"), [(25, 2e-5), (4, 1e-4), (40, 0.0)])
 @pytest.mark.parametrize(("clock", "more"), [
     ("publish_time", {}), ("header.stamp", {"published": False}), ("", {"published": False, "stamped": False})])
-def test_messages_that_arrive_in_batches(tmp_path, size, apart, clock, more):
-    messages(tmp_path / "a.mcap", size, apart, **more)
-    if not clock and apart:
+def test_messages_that_arrive_in_batches(tmp_path, size, interval, clock, more):
+    messages(tmp_path / "a.mcap", size, interval, **more)
+    if not clock and interval:
         with pytest.raises(BadRecording, match=f"receive times: batches of {size} samples"):
             open_experiment(tmp_path / "a.mcap", channel_map())
         return

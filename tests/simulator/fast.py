@@ -81,7 +81,7 @@ def plant_of(machine: Machine) -> np.ndarray:
         back = f"{name}_back"
         body[back] = np.where(np.isnan(body[back]), body[name], body[back])
     body["idle"] = np.array(m.idle_torque)
-    body["rough"] = ((body["coulomb"] > 0) | (body["coulomb_back"] > 0) | (body["stribeck"] > 0)
+    body["direction_dependent"] = ((body["coulomb"] > 0) | (body["coulomb_back"] > 0) | (body["stribeck"] > 0)
                      | (body["viscous_back"] != body["viscous"]))
     shaft = {name: np.array(getattr(m, name)) for name in ("stiffness", "damping", "half_gap", "ratio")}
     shaft |= {name: np.array(e.of(name, n - 1)) for name in (

@@ -21,7 +21,7 @@ MAX_EVENTS_PER_SAMPLE = 1000
 # Everything about the machine is one array, a row per quantity and a column per body or shaft, and
 # the states of the integrator are another: compiled calls pay for every array they are handed.
 BODY = ("inertia", "viscous", "viscous_back", "coulomb", "coulomb_back", "stribeck", "stribeck_speed",
-        "stribeck_power", "quadratic", "idle", "rough")
+        "stribeck_power", "quadratic", "idle", "direction_dependent")
 JN, VIS, VBK, COU, CBK, STR, SSP, SPO, QUA, IDL, ROU = range(len(BODY))
 SHAFT = ("stiffness", "damping", "half_gap", "ratio", "hardening_twist", "hardening_power", "damping_torque")
 KS, CS, GAP, RAT, HTW, HPO, DTO = range(len(BODY), len(BODY) + len(SHAFT))

@@ -80,7 +80,7 @@ def run_up(machine: Machine, duration: float, speed: float = 0.0, step: float = 
 
 def up_and_down(machine: Machine, rest: float = 0.05, duration: float = 0.8, end: float = 80 * RPM,
                 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """(angle, speed, whether supplied), each (n,): at rest, switched on, switched off, run down."""
+    """(angle, speed, whether supplied), each (n,): at rest, switched on, switched off, coasting down."""
     up = run_up(machine, duration)
     down = motion(machine.motor, lambda t: 0.0, float(up[1, -1]), end, 8.0)
     before = np.zeros(round(rest / STEP))

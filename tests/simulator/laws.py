@@ -35,7 +35,7 @@ class Laws:
         self.command = self.disturbance = self.load = self.turned = 0.0
         self.gapped = [k for k in range(n - 1) if machine.half_gap[k] > 0]
         self.body = _bodies(machine)
-        self.rough = [i for i, b in enumerate(self.body) if b.rough]
+        self.direction_dependent = [i for i, b in enumerate(self.body) if b.direction_dependent]
         self.contact = [0] * (n - 1)
         self.slip = [0] * n
         self.events: Counter[str] = Counter()
@@ -110,7 +110,7 @@ class Laws:
         """(n,) sum of all torques on each body except its Coulomb and Stribeck friction [Nm]."""
         n, e, worn, net = self.n, self.machine.effects, self.friction_factor(x), []
         for i, b in enumerate(self.body):
-            back = self.slip[i] < 0 if b.rough else x[i] < 0
+            back = self.slip[i] < 0 if b.direction_dependent else x[i] < 0
             viscous = (b.viscous_back if back else b.viscous) * worn
             net.append(-viscous * x[i] - b.idle - b.quadratic * x[i] * abs(x[i]))
         net[0] += (x[2 * n] if self.converter else self.command) + self.disturbance
@@ -131,7 +131,7 @@ class Laws:
         """d/dt of the state vector in the current mode."""
         x = y.tolist()
         net = self.net_torques(x)
-        for i in self.rough:
+        for i in self.direction_dependent:
             net[i] = net[i] - self.slip[i] * self._sliding(x, i) if self.slip[i] else 0.0
         rates = [torque / inertia for torque, inertia in zip(net, self.machine.inertia, strict=True)]
         for k, shaft in enumerate(self.shafts):
@@ -164,8 +164,8 @@ class Laws:
         for k in self.gapped:
             side = self.contact[k]
             values += [side * self.touch(x, k, side)] if side else [-self.touch(x, k, 1), self.touch(x, k, -1)]
-        net = self.net_torques(x) if any(self.slip[i] == 0 for i in self.rough) else ()
-        for i in self.rough:
+        net = self.net_torques(x) if any(self.slip[i] == 0 for i in self.direction_dependent) else ()
+        for i in self.direction_dependent:
             values += [self.slip[i] * x[i]] if self.slip[i] else [
                 self.hold(x, i, 1) - net[i], self.hold(x, i, -1) + net[i]]
         return values
@@ -177,7 +177,7 @@ class Laws:
             noise = 1e-15 + 1e-13 * self.machine.half_gap[k]
             sides = (0,) if self.contact[k] else (1, -1)
             found += [("contact", k, side, noise) for side in sides]
-        for i in self.rough:
+        for i in self.direction_dependent:
             b = self.body[i]
             noise = 1e-12 * (max(b.coulomb, b.coulomb_back) + b.stribeck)
             if self.slip[i]:
@@ -207,7 +207,7 @@ class Laws:
         A speed that has passed zero by a rounding error only, too little for the guard, is
         made zero in y: it is for the torques to say where the body goes from there.
         """
-        for i in self.rough:
+        for i in self.direction_dependent:
             before = self.slip[i]
             if before * y[i] < 0.0 and abs(y[i]) <= SPEED_NOISE:
                 y[i] = 0.0
@@ -224,7 +224,7 @@ class Laws:
 
 @dataclass(frozen=True)
 class _Body:
-    """What resists one body; rough: its friction depends on the direction it moves in."""
+    """What resists one body; direction_dependent: its friction depends on the direction it moves in."""
 
     viscous: float
     viscous_back: float
@@ -237,7 +237,7 @@ class _Body:
     idle: float
 
     @property
-    def rough(self) -> bool:
+    def direction_dependent(self) -> bool:
         return max(self.coulomb, self.coulomb_back, self.stribeck) > 0 or self.viscous_back != self.viscous
 
 

@@ -183,7 +183,7 @@ def _row(laws: Laws, x: list[float], angle: float, measured: float) -> list[floa
     torques = laws.shaft_torques(x)
     contact = [float(laws.contact[k]) if k in laws.gapped else (t > 0) - (t < 0.0)
                for k, t in enumerate(torques)]
-    stuck = [i in laws.rough and laws.slip[i] == 0 for i in range(n)]
+    stuck = [i in laws.direction_dependent and laws.slip[i] == 0 for i in range(n)]
     applied = (x[2 * n] if laws.converter else laws.command) + laws.disturbance
     return [*x[:2 * n - 1], *torques, *contact, *stuck, angle, applied, measured]
 

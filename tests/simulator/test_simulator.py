@@ -393,7 +393,7 @@ def test_fixtures_are_what_the_program_writes():
 
 
 @pytest.mark.slow
-def test_the_run_downs_are_what_the_program_writes(tmp_path):
+def test_the_coast_downs_are_what_the_program_writes(tmp_path):
     """All of them again, to the byte, and small enough to look at."""
     coast_fixtures.make(tmp_path / "coast")
     stored = {p.name: p for p in (FIXTURES / "coast").iterdir()}

@@ -1,4 +1,4 @@
-"""What each rule of a verdict is worth: stored facts judged without it.
+"""What each rule of a verdict contributes: stored facts judged without it.
 
     python -m tests.study.ablation ROWS.jsonl ...
 
@@ -19,7 +19,7 @@ from drivetool.check.verdict import RULES, apply_rules
 from drivetool.check.verdict.rules import Rule
 from tests.hidden.command import Answer, grade
 from tests.study.shared.rows import rows
-from tests.study.study_names import given
+from tests.study.study_names import grade_of_law
 
 
 def facts_of(row: Mapping) -> Facts:
@@ -31,22 +31,22 @@ def facts_of(row: Mapping) -> Facts:
 
 def graded(row: Mapping, rules: Sequence[Rule]) -> str:
     """The grade of a row's record under a table of rules."""
-    said = apply_rules(facts_of(row), rules)
-    answer = Answer(said.verdict, said.causes, said.between if said.verdict == "undetermined" else ())
+    verdict = apply_rules(facts_of(row), rules)
+    answer = Answer(verdict.verdict, verdict.causes, verdict.between if verdict.verdict == "undetermined" else ())
     if "to_name" in row:
         return grade(row["to_name"], answer, bool(row["removed"]))
-    return given(row["law"], answer)
+    return grade_of_law(row["law"], answer)
 
 
 def without_each(found: Sequence[Mapping]) -> list[tuple[str, int, Counter]]:
     """(rule, records in which it decides, (grade with it, grade without it) -> count where they differ)."""
-    whole = [(graded(row, RULES), apply_rules(facts_of(row)).rule) for row in found]
+    with_all_rules = [(graded(row, RULES), apply_rules(facts_of(row)).rule) for row in found]
     table = []
     for rule in RULES[:-1]:  # the last one is what is left
-        less = [r for r in RULES if r is not rule]
-        changed = Counter((before, after) for row, (before, _) in zip(found, whole, strict=True)
-                          if (after := graded(row, less)) != before)
-        table.append((rule.name, sum(name == rule.name for _, name in whole), changed))
+        remaining = [r for r in RULES if r is not rule]
+        changed = Counter((before, after) for row, (before, _) in zip(found, with_all_rules, strict=True)
+                          if (after := graded(row, remaining)) != before)
+        table.append((rule.name, sum(name == rule.name for _, name in with_all_rules), changed))
     return table
 
 
@@ -55,8 +55,8 @@ def main(paths: Iterable[str]) -> None:
     found = [row for path in paths for row in rows(Path(path)) if row.get("facts")]
     print(f"{len(found)} records\n{'rule':<24}{'decides':>9}{'changes':>9}  grades with and without it")
     for name, decides, changed in without_each(found):
-        told = ", ".join(f"{a} -> {b} {n}" for (a, b), n in changed.most_common())
-        print(f"{name:<24}{decides:>9}{changed.total():>9}  {told}")
+        changes = ", ".join(f"{a} -> {b} {n}" for (a, b), n in changed.most_common())
+        print(f"{name:<24}{decides:>9}{changed.total():>9}  {changes}")
 
 
 if __name__ == "__main__":

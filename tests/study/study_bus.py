@@ -46,8 +46,8 @@ RATIO = BUS.ratio[0]
 TRUTH = {"motor.inertia": 4.5, "wheels.carried_mass": MASS, "shaft.stiffness": 1520e3, "shaft.damping": 3600.0,
          "motor.coulomb": 0.0, "total.viscous": 0.02 + 40.0 / RATIO**2,
          "total.idle_torque": TRUE["wheels.idle_torque"] / RATIO}
-# What each experiment is asked for; the rest is known to it.
-ASKED = {"acceleration": ("wheels.carried_mass", "total.viscous", "total.idle_torque"),
+# Parameters that each experiment estimates; the rest is known to it.
+ESTIMATED = {"acceleration": ("wheels.carried_mass", "total.viscous", "total.idle_torque"),
          "clamped": ("motor.inertia", "shaft.stiffness", "shaft.damping", "motor.coulomb"), "both": tuple(TRUTH)}
 
 
@@ -110,7 +110,7 @@ def information(kind: str, names: Sequence[str]) -> np.ndarray:
 
 def bounds(experiment: str) -> dict[str, float]:
     """Cramer-Rao bound of the std of each parameter."""
-    names = ASKED[experiment]
+    names = ESTIMATED[experiment]
     kinds = ("clamped", "acceleration") if experiment == "both" else (experiment,)
     found = np.linalg.inv(sum(information(kind, names) for kind in kinds))
     return dict(zip(names, np.sqrt(np.diag(found)).tolist(), strict=True))
@@ -135,7 +135,7 @@ def fitted(experiment: str, seed: int, folder: Path) -> Mapping[str, Mapping]:
 
 
 def main(count: int) -> None:
-    for experiment, names in ASKED.items():
+    for experiment, names in ESTIMATED.items():
         least, within, held, ratios = bounds(experiment), dict.fromkeys(names, 0), dict.fromkeys(names, 0), {}
         for k in range(count):
             with tempfile.TemporaryDirectory() as room:

@@ -1,6 +1,6 @@
 """Coverage and scatter of coast-downs by counts: ratios, a scale by torque, supply or an added inertia, breakaway.
 
-And a model of one run-down, judged by others from higher speeds, and by those of a drive with a drag besides.
+And a model of one coast-down, judged by others from higher speeds, and by those of a drive with a drag besides.
 
     python -m tests.study.study_coast_down 200
     python -m tests.study.study_coast_down 60 supplied
@@ -22,17 +22,17 @@ from tests.induction import ELECTRICAL, Machine, switched
 from tests.simulator.induction import up_and_down
 
 PAPER, ADDED, SPEED = Motor(), 5e-5, 5.0
-HOW = Options(method="coast-down")
+OPTIONS = Options(method="coast-down")
 RATIOS = {"viscous_over_inertia": PAPER.viscous / PAPER.inertia,
           "coulomb_over_inertia": PAPER.coulomb / PAPER.inertia}
 VALUES = {"motor.inertia": PAPER.inertia, "motor.viscous": PAPER.viscous, "motor.coulomb": PAPER.coulomb}
-BROKEN = replace(PAPER, surplus=0.5 * PAPER.coulomb, breakaway_speed=SPEED)
+WITH_BREAKAWAY = replace(PAPER, surplus=0.5 * PAPER.coulomb, breakaway_speed=SPEED)
 
 
 def plain(seed, angles):
-    """One run-down; counts begin anywhere in its first 400 samples."""
+    """One coast-down; counts begin anywhere in its first 400 samples."""
     first = int(np.random.default_rng(seed).integers(0, 400))
-    return [recording(seed, motor_angle=counts(angles["plain"][first:], seed))], one_body(), HOW, RATIOS
+    return [recording(seed, motor_angle=counts(angles["plain"][first:], seed))], one_body(), OPTIONS, RATIOS
 
 
 def driven(seed, angles):
@@ -40,33 +40,34 @@ def driven(seed, angles):
     first = int(np.random.default_rng(seed).integers(0, 400))
     e = angles["driven"]
     cut = {"motor_torque": e.signals["motor_torque"][first:], "motor_angle": counts(angles["turned"][first:], seed)}
-    return [recording(seed, **cut)], one_body(), HOW, VALUES
+    return [recording(seed, **cut)], one_body(), OPTIONS, VALUES
 
 
 def supplied(seed, angles):
-    """Run up by an induction motor from rest, switched off, run down; by what its converter says."""
+    """Run up by an induction motor from rest, switched off, coasting down; by what its converter says."""
     first, e = int(np.random.default_rng(seed).integers(0, 400)), angles["switched"]
     signals = {name: values[first:] for name, values in e.signals.items()}
     cut = recording(seed, **signals | {"motor_angle": counts(angles["up and down"][first:], seed)})
     experiments, drive = as_stator_voltages([cut], one_body().with_values(ELECTRICAL), off_too=True)
-    return experiments, drive, HOW, VALUES
+    return experiments, drive, OPTIONS, VALUES
 
 
 def added(seed, angles):
-    """Two run-downs, the second with a known inertia added."""
+    """Two coast-downs, the second with a known inertia added."""
     first = int(np.random.default_rng(seed).integers(0, 400))
     pair = [recording(2 * seed + k, f"{k}.parquet", motor_angle=counts(angles[n][first:], 2 * seed + k))
             for k, n in enumerate(("plain", "loaded"))]
     drive = replace(one_body(), records={"1.parquet": pair[1].sha256}).with_values(
         {"motor.added_inertia@1.parquet": ADDED})
-    return pair, drive, HOW, VALUES
+    return pair, drive, OPTIONS, VALUES
 
 
 def breakaway(seed, angles):
     """To standstill, breakaway torque 1.5 times the Coulomb friction."""
     first = int(np.random.default_rng(seed).integers(0, 400))
-    truth = RATIOS | {"breakaway_over_inertia": BROKEN.surplus / PAPER.inertia, "motor.breakaway_speed": SPEED}
-    how = replace(HOW, free=("motor.breakaway", "motor.breakaway_speed"))
+    truth = RATIOS | {"breakaway_over_inertia": WITH_BREAKAWAY.surplus / PAPER.inertia,
+                      "motor.breakaway_speed": SPEED}
+    how = replace(OPTIONS, free=("motor.breakaway", "motor.breakaway_speed"))
     return [recording(seed, motor_angle=counts(angles["breakaway"][first:], seed))], one_body(), how, truth
 
 
@@ -82,7 +83,7 @@ def judged(n: int) -> None:
             first = int(np.random.default_rng((seed, h)).integers(0, 400))
             return recording(1000 * h + seed, motor_angle=counts(runs[h, motor][first:], 1000 * h + seed))
 
-        ratios = {p.name: p.value for p in steady([record(40, "same")], one_body(), HOW).ratios}
+        ratios = {p.name: p.value for p in steady([record(40, "same")], one_body(), OPTIONS).ratios}
         model = CoastDownModel("coast.yaml", one_body().with_values({
             "motor.inertia": 1.0, "motor.viscous": ratios["viscous_over_inertia"],
             "motor.coulomb": ratios["coulomb_over_inertia"]}), ratios=True)
@@ -106,7 +107,7 @@ def main(n: int, *names: str) -> None:
     down = motion(PAPER, lambda t: 0.0, float(up[1][-1]), 80 * RPM, 5.0)
     angles = {"plain": motion(PAPER, lambda t: 0.0, 2300 * RPM, 80 * RPM, 5.0)[0],
               "loaded": motion(heavy, lambda t: 0.0, 2300 * RPM, 80 * RPM, 5.0)[0],
-              "breakaway": motion(BROKEN, lambda t: 0.0, 2300 * RPM, 1e-3, 5.0)[0],
+              "breakaway": motion(WITH_BREAKAWAY, lambda t: 0.0, 2300 * RPM, 1e-3, 5.0)[0],
               "turned": np.concatenate([up[0][:-1], up[0][-1] + down[0]]), "driven": driven_then_off(0),
               "switched": switched(0), "up and down": up_and_down(Machine())[0]}
     for case in map(CASES.__getitem__, names or CASES):

@@ -19,7 +19,7 @@ KNOWN = ("--set", "motor.inertia=1", "--hold", "motor.inertia")
 LAW = ("--free", "motor.breakaway", "--free", "motor.breakaway_speed")
 
 
-def one(folder: Path, seed: int) -> tuple[str, float, float, float]:
+def run_record(folder: Path, seed: int) -> tuple[str, float, float, float]:
     """(law that is named, lower end, gain on another run, upper end) in per cent."""
     hidden = replace(PAPER, surplus=0.5 * PAPER.coulomb, breakaway_speed=5.0)
     for name, number in (("coast", seed), ("another", 1000 + seed)):
@@ -40,7 +40,7 @@ def main(n: int) -> None:
     inside = 0
     with tempfile.TemporaryDirectory() as folder:
         for seed in range(481, 481 + 2 * n, 2):
-            law, low, gain, high = one(Path(folder), seed)
+            law, low, gain, high = run_record(Path(folder), seed)
             inside += low <= gain <= high
             print(f"{seed}: {law}, {gain:.2f} % in {low:.2f} to {high:.2f} %", flush=True)
     print(f"{inside} of {n} inside")

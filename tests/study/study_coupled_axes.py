@@ -18,8 +18,9 @@ from tests.study.shared.options import number
 # Seeds that no other test uses.
 FIRST_SEED = 860_000 + number("SHIFT", 0)
 RECORDS = number("RECORDS", 20)
-KNOWN = 0.95  # share of the coupled records that must be refused
-FAR, WIDE = 3.0, 0.03  # half-widths that an inertia may be off its mean; a width, over it, that needs no finding
+MIN_REFUSED = 0.95  # share of the coupled records that must be refused
+MAX_ERROR = 3.0  # half-widths that an inertia may be off its mean
+MAX_SILENT_WIDTH = 0.03  # of an interval over the inertia; a narrower one without a finding is a miss
 
 
 def fitted(step: float, record: arm.JointRecord | varying.VaryingRecord) -> dict:
@@ -34,13 +35,13 @@ def misses(found: dict, truth: float) -> bool:
     if found["ci95"][0] is None:
         return False
     low, high = found["ci95"][0]
-    far = abs(found["value"][0] - truth) > FAR * 0.5 * (high - low)
-    return far or (high - low < WIDE * truth and "model-error" not in found["findings"])
+    far = abs(found["value"][0] - truth) > MAX_ERROR * 0.5 * (high - low)
+    return far or (high - low < MAX_SILENT_WIDTH * truth and "model-error" not in found["findings"])
 
 
 @pytest.mark.study
 def test_a_joint_whose_neighbour_moves_is_refused():
-    """The true share of refusals may be what is asked for; no record gets an interval that is far off."""
+    """The true share of refusals may be the required one; no record gets an interval that is far off."""
     refused, wrong = 0, []
     for i in range(RECORDS):
         record = arm.draw(i, FIRST_SEED + i)
@@ -49,12 +50,12 @@ def test_a_joint_whose_neighbour_moves_is_refused():
         wrong += [i] if misses(found, record.inertia) else []
         print(i, record.excitation, record.role, f"{record.coupled:.2f}", found["ci95"][0], found["findings"])
     print(f"{refused} of {RECORDS} refused")
-    assert share(refused, RECORDS)[2] >= KNOWN
+    assert share(refused, RECORDS)[2] >= MIN_REFUSED
     assert not wrong
 
 
 @pytest.mark.study
-def test_a_varying_inertia_is_told_in_its_mean():
+def test_a_varying_inertia_is_identified_by_its_mean():
     """No inertia is far off its mean, and none is stated narrowly without a word."""
     wrong = []
     for i in range(RECORDS):

@@ -50,10 +50,10 @@ PAIRS = (("backlash", "coulomb-load"), ("third-mass", "torque-ripple"))
 SENSORS = (("motor_speed",), ("motor_speed",), ("motor_angle",), ("motor_speed", "load_speed"),
            ("motor_speed", "shaft_torque"), ("motor_angle", "load_angle"))
 # Visibilities at which the limit of detection is looked for; 6 is where effects should begin to be found.
-AIMS = (3.5, 5.0, 7.0, 10.0)
+AIMED_VISIBILITIES = (3.5, 5.0, 7.0, 10.0)
 # Rivals that `separation` can fit: what the machine does, not what its logger does.
 LAWS = set(CODES.values()) - {"quantisation", "torque-offset", "outliers", "wrong-sign", "wrong-scale"}
-# A fresh record has them again, or others: what was told of this one is not of that one.
+# A fresh record has them again, or others: what was found on this one does not hold for that one.
 OF_THE_RECORD = {"wrong-sign", "wrong-scale", "outliers", "load-step"}
 COLUMNS = ("right", "open", *GRADES[1:])
 
@@ -92,7 +92,7 @@ def varied(seed: int) -> dict[str, object]:
 
 
 def mixed(seed: int) -> Plan:
-    """One or two effects of any kind and size, on records of any length: what nobody thought of."""
+    """One or two effects of any kind and size, on records of any length."""
     rng = np.random.default_rng([seed, 424242])
     while True:
         kinds = [str(code) for code in rng.choice(list(KINDS), int(rng.integers(1, 3)), replace=False)]
@@ -132,7 +132,7 @@ def plans(rounds: Mapping[str, int] = ROUNDS) -> list[Plan]:
                 options["linear"] = False
             # Limits on the plain kind of record and one machine a round, where they can be compared.
             plain = {"machine_seed": FIRST_SEED + i, "seed": FIRST_SEED + i, "bodies": max(2, kind.bodies)}
-            aims = () if code.startswith("wrong-sign") else AIMS
+            aims = () if code.startswith("wrong-sign") else AIMED_VISIBILITIES
             found += [plan for plan in (
                 Plan("effect", f"effect/{code}/{i}", (code,), options),
                 Plan("removed", f"removed/{code}/{i}", (code,), options, (CODES[code],)),
@@ -149,7 +149,7 @@ def plans(rounds: Mapping[str, int] = ROUNDS) -> list[Plan]:
     return found
 
 
-def sized(plan: Plan) -> Mapping[str, object]:
+def with_aimed_size(plan: Plan) -> Mapping[str, object]:
     """The options of a plan, with the size that makes its effect as visible as it aims for.
 
     Visibility is nearly in proportion to the size, so two corrections are enough.
@@ -181,54 +181,54 @@ def run_inside(folder: Path, words: Sequence[object]) -> subprocess.CompletedPro
     return subprocess.CompletedProcess(command, code or 0, out.getvalue(), err.getvalue())
 
 
-def one(plan: Plan, asking: Callable[..., Answer] = greybox_and_diagnose) -> dict:
+def run_plan(plan: Plan, diagnosing: Callable[..., Answer] = greybox_and_diagnose) -> dict:
     """Make the case, run the commands on it, open the label.
 
     Where nothing is hidden there is no label to keep from the commands, and they run in this process.
     """
-    begun, running = time.monotonic(), run
-    if plan.part == "none" and asking is greybox_and_diagnose:
-        running, asking = run_inside, partial(greybox_and_diagnose, runner=run_inside)
-    case = make_case(plan.effects, **(sized(plan) if plan.aim else plan.options))
+    began, runner = time.monotonic(), run
+    if plan.part == "none" and diagnosing is greybox_and_diagnose:
+        runner, diagnosing = run_inside, partial(greybox_and_diagnose, runner=run_inside)
+    case = make_case(plan.effects, **(with_aimed_size(plan) if plan.aim else plan.options))
     with tempfile.TemporaryDirectory() as room:
         logs, held = case.write_records(Path(room))
         start = write_start(case, Path(room))
         catalogue = sorted(set(CODES.values()) - set(plan.removed))
         more = ["--candidates", ",".join(catalogue)] if plan.removed else []
-        answer = asking(Path(room), logs, start, greybox_options(case), more)
+        answer = diagnosing(Path(room), logs, start, greybox_options(case), more)
         fresh = {name: fresh_error(Path(room), held[0], f"{name}.yaml", answer.gain.get("segment") or 0.0,
-                                     running)
+                                     runner)
                  for name in ("base", "extended")}
     # Only now is there a label: nothing of it was on the disk while the commands ran.
     label = case.label(visibility=plan.part != "removed")
-    given, apart = grade(to_name(label, answer), answer, bool(plan.removed)), {}
+    given, separations = grade(expected_causes(label, answer), answer, bool(plan.removed)), {}
     if given == "undetermined" and len(plan.effects) == 1 and plan.part != "limit":  # seen, rightly or not
-        apart = {rival: separation(case, rival).number for rival in answer.between
+        separations = {rival: separation(case, rival).number for rival in answer.between
                  if rival in LAWS and rival not in label["causes"]}
-        given = "open" if apart and min(apart.values()) < VISIBLE else given
+        given = "open" if separations and min(separations.values()) < VISIBLE else given
     return {
         "key": plan.key, "part": plan.part, "kinds": list(plan.effects), "truth": label["causes"],
         "visibility": label.get("visibility", {}).get("all"), "sizes": [e["size"] for e in label["effects"]],
-        "grade": given, "apart": apart, "verdict": answer.verdict,
+        "grade": given, "separations": separations, "verdict": answer.verdict,
         "causes": list(answer.causes), "between": list(answer.between), "gain": answer.gain, "fresh": fresh,
-        "rule": answer.rule, "facts": answer.facts, "to_name": to_name(label, answer),
+        "rule": answer.rule, "facts": answer.facts, "to_name": expected_causes(label, answer),
         "removed": list(plan.removed),
         "gains": [[c["round"], c["code"], c["state"], c.get("gain"), c.get("gain_std"), c.get("evidence")]
                   for c in answer.candidates if c.get("gain") is not None],
         # Of the first round: there the base has none of it yet.
         "smallest": {c["code"]: {n: v["value"] for n, v in (c.get("smallest") or {}).items()}
                      for c in sorted(answer.candidates, key=lambda c: -c["round"])},
-        "values": {n: v for e in label["effects"] for n, v in told(e["truth"], label["plain"], {}).items()},
+        "values": {n: v for e in label["effects"] for n, v in tool_values(e["truth"], label["plain"], {}).items()},
         "intervals": intervals(label, answer), "talk": answer.stderr[-300:] if answer.verdict == "failed" else "",
-        "asked": label["asked"], "seconds": round(time.monotonic() - begun, 1)}
+        "arguments": label["arguments"], "seconds": round(time.monotonic() - began, 1)}
 
 
-def to_name(label: Mapping, answer: Answer) -> list[str]:
+def expected_causes(label: Mapping, answer: Answer) -> list[str]:
     """The hidden causes that must be named: of several those that show, and those that were found all the same."""
     each = label.get("visibility", {}).get("each") or []
-    shown = {cause for cause, number in zip(label["causes"], each, strict=False) if number >= VISIBLE}
+    visible_causes = {cause for cause, number in zip(label["causes"], each, strict=False) if number >= VISIBLE}
     found = {*answer.causes, *answer.between}
-    return [c for c in label["causes"] if c in shown | found] if shown else label["causes"]
+    return [c for c in label["causes"] if c in visible_causes | found] if visible_causes else label["causes"]
 
 
 def fresh_error(room: Path, log: Path, params: str, segment: float, running: CommandRunner) -> float | None:
@@ -250,7 +250,7 @@ def intervals(label: Mapping, answer: Answer) -> dict[str, bool]:
     found = {}
     fitted = {name: line.get("value") for name, line in answer.parameters.items()}
     for effect in label["effects"]:
-        for name, value in told(effect["truth"], label.get("plain", {}), fitted).items():
+        for name, value in tool_values(effect["truth"], label.get("plain", {}), fitted).items():
             ends = (answer.parameters.get(name) or {}).get("ci95")
             if ends and None not in ends:
                 found[name] = bool(ends[0] <= value <= ends[1])
@@ -260,7 +260,8 @@ def intervals(label: Mapping, answer: Answer) -> dict[str, bool]:
 SAME = {"quadratic_drag": "drag", "load_step": "step_torque", "load_step_time": "step_time"}
 
 
-def told(truth: Mapping[str, float], plain: Mapping[str, float], fitted: Mapping[str, float]) -> dict[str, float]:
+def tool_values(truth: Mapping[str, float], plain: Mapping[str, float],
+                fitted: Mapping[str, float]) -> dict[str, float]:
     """True values by the names and in the parameters that the tool has for the same laws."""
     found = {}
     for name, value in truth.items():
@@ -299,40 +300,40 @@ def told(truth: Mapping[str, float], plain: Mapping[str, float], fitted: Mapping
 
 def results() -> Path:
     """Where the rows of the tool as it is now are."""
-    rooms = ("logs", "drive", "identify", "check")
-    return results_file("study_diagnose", [f"drivetool/{room}" for room in rooms])
+    packages = ("logs", "drive", "identify", "check")
+    return results_file("study_diagnose", [f"drivetool/{room}" for room in packages])
 
 
 def study(wanted: Iterable[Plan], path: Path, workers: int = 2,
-          asking: Callable[..., Answer] = greybox_and_diagnose) -> list[dict]:
+          diagnosing: Callable[..., Answer] = greybox_and_diagnose) -> list[dict]:
     """Run what is not there yet, a line per case as soon as it is done; all the wanted rows."""
     there, wanted = resumed(path), list(wanted)
     missing = [plan for plan in wanted if plan.key not in there]
     # Null records run inside their worker, which therefore is a process; a stand-in can stay a thread.
-    with (ProcessPoolExecutor(workers, get_context("spawn")) if asking is greybox_and_diagnose else
+    with (ProcessPoolExecutor(workers, get_context("spawn")) if diagnosing is greybox_and_diagnose else
           ThreadPoolExecutor(workers)) as pool:
-        for row in pool.map(_guarded, missing, repeat(asking)):
+        for row in pool.map(_run_or_failed, missing, repeat(diagnosing)):
             with path.open("a") as file:
                 file.write(json.dumps(row) + "\n")
     keys = {plan.key for plan in wanted}
     return [row for row in rows(path) if row["key"] in keys]
 
 
-def _guarded(plan: Plan, asking: Callable[..., Answer]) -> dict:
+def _run_or_failed(plan: Plan, diagnosing: Callable[..., Answer]) -> dict:
     """A case that breaks is a row too, and counts as failed; the others go on."""
     try:
-        return one(plan, asking)
+        return run_plan(plan, diagnosing)
     except Exception as error:
         return {"key": plan.key, "part": plan.part, "kinds": list(plan.effects), "truth": [], "sizes": [],
-                "visibility": VISIBLE, "grade": "failed", "apart": {}, "verdict": "failed", "causes": [],
+                "visibility": VISIBLE, "grade": "failed", "separations": {}, "verdict": "failed", "causes": [],
                 "between": [], "gain": {}, "fresh": {}, "smallest": {}, "intervals": {},
-                "talk": repr(error)[-300:], "asked": {}, "seconds": 0.0}
+                "talk": repr(error)[-300:], "arguments": {}, "seconds": 0.0}
 
 
 # Tables
 
 
-def upper(hits: int, of: int) -> float:
+def upper_limit(hits: int, of: int) -> float:
     """Upper end of the one-sided 95 % Clopper-Pearson interval of a share."""
     return 1.0 if hits >= of else float(beta.ppf(0.95, hits + 1, of - hits))
 
@@ -344,11 +345,12 @@ def confusion(found: Sequence[Mapping]) -> str:
     """
     lines = [f"{'effect':<24}" + "".join(f"{g:>13}" for g in COLUMNS) + f"{'not visible':>13}  wrong names"]
     for kind in dict.fromkeys("+".join(row["kinds"]) for row in found):
-        mine = [row for row in found if "+".join(row["kinds"]) == kind]
-        seen = [row for row in mine if (row["visibility"] or 0.0) >= VISIBLE]
-        count = Counter(row["grade"] for row in seen)
-        wrong = Counter("+".join(row["causes"]) for row in seen if row["grade"] == "wrong")
-        lines.append(f"{kind:<24}" + "".join(f"{count[g]:>13}" for g in COLUMNS) + f"{len(mine) - len(seen):>13}"
+        rows_of_kind = [row for row in found if "+".join(row["kinds"]) == kind]
+        visible_rows = [row for row in rows_of_kind if (row["visibility"] or 0.0) >= VISIBLE]
+        count = Counter(row["grade"] for row in visible_rows)
+        wrong = Counter("+".join(row["causes"]) for row in visible_rows if row["grade"] == "wrong")
+        hidden = len(rows_of_kind) - len(visible_rows)
+        lines.append(f"{kind:<24}" + "".join(f"{count[g]:>13}" for g in COLUMNS) + f"{hidden:>13}"
                      + "  " + ", ".join(f"{name} {n}" for name, n in wrong.most_common(3)))
     return "\n".join(lines)
 
@@ -357,21 +359,22 @@ def limits(found: Sequence[Mapping]) -> str:
     """Per effect: the visibility from which it is found, and the smallest size stated over that at this limit."""
     lines = [f"{'effect':<24}{'found from visibility':>24}{'stated over true limit':>26}"]
     for kind in dict.fromkeys(row["kinds"][0] for row in found):
-        mine = [row for row in found if row["kinds"] == [kind] and row["visibility"] and row["sizes"]]
-        seen = [row["grade"] not in ("missed", "failed") for row in mine]
-        number = np.array([row["visibility"] for row in mine])
-        half = _half(number, np.array(seen)) if mine else None
+        rows_of_kind = [row for row in found if row["kinds"] == [kind] and row["visibility"] and row["sizes"]]
+        seen = [row["grade"] not in ("missed", "failed") for row in rows_of_kind]
+        number = np.array([row["visibility"] for row in rows_of_kind])
+        threshold = _detection_threshold(number, np.array(seen)) if rows_of_kind else None
         # Sizes are in proportion to visibility: the one at the limit is size * half / visibility.
-        ratio = [size(name, least) / (size(name, large(row["values"], name)) * half / row["visibility"])
-                 for row in mine if half
+        ratio = [size(name, least) / (size(name, amplitude(row["values"], name)) * threshold / row["visibility"])
+                 for row in rows_of_kind if threshold
                  for name, least in (row["smallest"].get(*row["truth"][:1]) or {}).items()
                  if row["values"].get(name)]
-        lines.append(f"{kind:<24}{f'over {number.max(initial=0.0):.1f}' if half is None else f'{half:.1f}':>24}"
+        limit = f"over {number.max(initial=0.0):.1f}" if threshold is None else f"{threshold:.1f}"
+        lines.append(f"{kind:<24}{limit:>24}"
                      f"{f'{np.median(ratio):.2f}' if ratio else '-':>26}")
     return "\n".join(lines)
 
 
-def gain_held(row: Mapping) -> list[bool]:
+def gain_covered(row: Mapping) -> list[bool]:
     """Whether the interval of the gain holds that on a fresh record; empty where there is none to hold."""
     ends, fresh = row["gain"].get("rmse_gain_ci95"), row["fresh"]
     if not ends or OF_THE_RECORD & set(row["causes"]) or not (fresh.get("base") and fresh.get("extended")):
@@ -384,13 +387,13 @@ def size(name: str, value: float) -> float:
     return 1.0 / value if name.endswith(".bandwidth") else value
 
 
-def large(values: Mapping[str, float], name: str) -> float:
+def amplitude(values: Mapping[str, float], name: str) -> float:
     """Size of a value; of a sine or a cosine that of the wave, whose phase says nothing about how well it shows."""
     return float(np.hypot(*(values.get(name.replace("cosine", "sine").replace("sine", part), 0.0)
                             for part in ("sine", "cosine")))) if name.endswith("sine") else abs(values[name])
 
 
-def _half(number: np.ndarray, seen: np.ndarray) -> float | None:
+def _detection_threshold(number: np.ndarray, seen: np.ndarray) -> float | None:
     """The threshold that makes the fewest errors between not seen below and seen above."""
     edges = np.sort(number)
     if not seen.any():
@@ -405,19 +408,19 @@ def summary(found: Sequence[Mapping]) -> str:
              for part in ("effect", "pair", "mixed", "removed", "limit", "none")}
     alarms, nulls = sum(row["grade"] == "false-alarm" for row in parts["none"]), len(parts["none"])
     text = [confusion(parts["effect"] + parts["pair"])]
-    shown = Counter(row["grade"] for row in parts["effect"] + parts["pair"]
+    grades = Counter(row["grade"] for row in parts["effect"] + parts["pair"]
                     if (row["visibility"] or 0.0) >= VISIBLE)
-    if shown:
-        good = shown["right"] + shown["open"]
-        text.append(f"visible: {shown.total()}; named right or rightly open {good} "
-                    f"({100 * good / shown.total():.1f} %), wrong {shown['wrong']}")
+    if grades:
+        good = grades["right"] + grades["open"]
+        text.append(f"visible: {grades.total()}; named right or rightly open {good} "
+                    f"({100 * good / grades.total():.1f} %), wrong {grades['wrong']}")
     seen = Counter(row["grade"] for row in parts["mixed"] if (row["visibility"] or 0.0) >= VISIBLE)
     if seen:
         text.append(f"one or two effects drawn from all, {seen.total()} visible: "
                     + ", ".join(f"{seen[grade]} {grade}" for grade in COLUMNS if seen[grade]))
     if nulls:
         text.append(f"false alarms: {alarms} of {nulls} null records, {100 * alarms / nulls:.2f} %, "
-                    f"at most {100 * upper(alarms, nulls):.2f} % (95 %)")
+                    f"at most {100 * upper_limit(alarms, nulls):.2f} % (95 %)")
     if parts["removed"]:
         wrong = sum(row["grade"] == "wrong" for row in parts["removed"])
         text.append(f"true cause not in the catalogue: named {wrong} of {len(parts['removed'])}")
@@ -430,7 +433,7 @@ def summary(found: Sequence[Mapping]) -> str:
     if fresh:
         low, middle, high = np.quantile(fresh, [0.05, 0.5, 0.95])
         text.append(f"error on fresh data over stated: median {middle:.3f}, 5 to 95 %: {low:.3f} to {high:.3f}")
-    held = [held for row in found if row["part"] not in ("none", "removed") for held in gain_held(row)]
+    held = [held for row in found if row["part"] not in ("none", "removed") for held in gain_covered(row)]
     if held:
         text.append(f"95 % interval of the gain holds that on a fresh record: {sum(held)} of {len(held)}")
     if parts["limit"]:

@@ -4,11 +4,11 @@
 
 Even seeds have their damping in the contact, odd ones in the gap too. The half gap is 0.3 to 6 times the twist at
 100 Nm, the damping 1 to 10 times that of `rig_of`; the drive knows all values but the gap, with a third of the
-damping. The worth of a law is what it leads by in log likelihood when both are fitted from the truth. With little
+damping. The gain of a law is its lead in log likelihood when both are fitted from the truth. With little
 damping (a share of 0.001, say) neither law shows.
 
-A line per rig: law, the tool's, its worth, gap and damping over the truth's with their errors in standard
-deviations, warnings. Last, the counts of rigs on which the law is worth more than PLAIN, and less than HIDDEN.
+A line per rig: law, the tool's, its gain, gap and damping over the truth's with their errors in standard
+deviations, warnings. Last, the counts of rigs on which the gain is above CLEAR_GAIN, and below HIDDEN_GAIN.
 """
 
 from __future__ import annotations
@@ -32,14 +32,14 @@ from tests.simulator.records import Channels
 from tests.study.study_shaft_torque import ROLES, opened, truth_of
 
 FIRST_SEED, RIGS = 490_000, 40
-LEVEL = 100.0  # Nm at which the twist is counted
-PLAIN, HIDDEN = 25.0, 3.0  # log likelihood
+TWIST_TORQUE = 100.0  # Nm at which the twist is counted
+CLEAR_GAIN, HIDDEN_GAIN = 25.0, 3.0  # log likelihood
 
 
 def gap_rig(seed: int, share: float = 1.0) -> Machine:
     """A light rig with a gap; the law alternates. share: of the damping that it would have."""
     rng, rig = np.random.default_rng(seed), rig_of(seed)
-    half = LEVEL / rig.stiffness[0] * rng.uniform(0.3, 6.0)
+    half = TWIST_TORQUE / rig.stiffness[0] * rng.uniform(0.3, 6.0)
     return replace(rig, half_gap=(float(half),), law=("inside", "always")[seed % 2],
                    damping=(float(share * rig.damping[0] * rng.uniform(1.0, 10.0)),))
 
@@ -58,7 +58,7 @@ def fitted(machine: Machine, seed: int, damping: float = 0.3) -> Estimate:
     return backlash([opened(gap_record(machine, seed), "gap", ROLES)], two_mass().with_values(known), Options())
 
 
-def worth(machine: Machine, seed: int) -> float:
+def gain_of_law(machine: Machine, seed: int) -> float:
     """Log likelihood by which the machine's law leads the other, gap and damping of both fitted from the truth."""
     record = opened(gap_record(machine, seed), "gap", ROLES)
     known = truth_of(machine) | {"shaft.half_gap": machine.half_gap[0]}
@@ -80,15 +80,15 @@ def main(rigs: int = RIGS, shift: int = 0, share: float = 1.0) -> None:
     inside = intervals = 0
     for seed in range(FIRST_SEED + shift, FIRST_SEED + shift + rigs):
         machine = gap_rig(seed, share)
-        estimate, lead = fitted(machine, seed), worth(machine, seed)
+        estimate, lead = fitted(machine, seed), gain_of_law(machine, seed)
         lines = {p.name: p for p in estimate.parameters}
-        told = {f.code: f for f in estimate.findings}
-        stated = told.get("gap-law")
+        findings = {f.code: f for f in estimate.findings}
+        stated = findings.get("gap-law")
         decided = stated is not None and stated.evidence.get("log_likelihood_lead", 0.0) > MIN_LAW_LEAD
         named = estimate.drive.damping_law if decided else "-"
-        kind = "plain" if lead > PLAIN else "hidden" if abs(lead) < HIDDEN else "between"
-        said = "nothing" if stated is None else "undetermined"
-        counts[kind][said if named == "-" else "right" if named == machine.law else "wrong"] += 1
+        kind = "plain" if lead > CLEAR_GAIN else "hidden" if abs(lead) < HIDDEN_GAIN else "between"
+        open_answer = "nothing" if stated is None else "undetermined"
+        counts[kind][open_answer if named == "-" else "right" if named == machine.law else "wrong"] += 1
         cells = []
         for name, true in (("shaft.half_gap", machine.half_gap[0]), ("shaft.damping", machine.damping[0])):
             p = lines[name]
@@ -96,8 +96,8 @@ def main(rigs: int = RIGS, shift: int = 0, share: float = 1.0) -> None:
             cells.append(f"{p.value / true:.4f} ({'-' if off is None else f'{off:.1f}'})")
             if name == "shaft.half_gap" and p.ci95 is not None:
                 intervals, inside = intervals + 1, inside + (p.ci95[0] <= true <= p.ci95[1])
-        loud = [f.code for f in estimate.findings if f.severity != "note"]
-        print(seed, machine.law, named, f"{lead:.1f}", *cells, loud, flush=True)
+        warnings = [f.code for f in estimate.findings if f.severity != "note"]
+        print(seed, machine.law, named, f"{lead:.1f}", *cells, warnings, flush=True)
     for kind, found in counts.items():
         print(f"{kind}: {dict(sorted(found.items()))}")
     print(f"half gap inside {inside} of {intervals}")

@@ -45,7 +45,7 @@ def _or_nan(value: float | None) -> float:
 
 
 def line_of(name: str, errors: np.ndarray) -> str:
-    """What is told of the errors of one situation."""
+    """The errors of one situation."""
     e, noise, whole = np.moveaxis(errors, 2, 0)
     cells = [np.abs(e.mean(axis=0)) / e.std(axis=0)]
     for std in (noise, whole):

@@ -1,4 +1,4 @@
-"""Two machines of ten recordings each, 3 % apart in one of four parameters or equal: are they told apart?
+"""Two machines of ten recordings each, that differ by 3 % in one of four parameters or are equal: is this found?
 
     python -m tests.study.study_machines [pairs] [shift] [recordings]
 
@@ -22,7 +22,7 @@ from drivetool.logs import Experiment
 from tests.identify.days import NAMES, days_of, machine_of, start_of
 
 STRUCTURE = "physical-innovations"
-PAIRS, RECORDINGS, SCATTER, APART = 100, 10, 0.015, 0.03
+PAIRS, RECORDINGS, SCATTER, CHANGE = 100, 10, 0.015, 0.03
 FIRST_SEED = 730_000
 
 
@@ -32,13 +32,13 @@ def figures_of(days: Sequence[Experiment], start: Drive) -> dict[str, Mapping[st
     return {e.name: compared_figures(fitted_structure(STRUCTURE, e.name, e, start, options, days)) for e in days}
 
 
-def told(seed: int, count: int) -> list[set[str]]:
+def differing(seed: int, count: int) -> list[set[str]]:
     """What is said to differ: between equal machines, and where one of each parameter differs."""
     first = machine_of(seed)
     start = start_of(first)
     base, found = figures_of(days_of(first, count, SCATTER, seed, "a"), start), []
     for k in range(len(NAMES) + 1):
-        other = first * np.where(np.arange(len(NAMES)) == k - 1, 1.0 + APART, 1.0)
+        other = first * np.where(np.arange(len(NAMES)) == k - 1, 1.0 + CHANGE, 1.0)
         more = figures_of(days_of(other, count, SCATTER, seed + (k + 1) * 100_000, "b"), start)
         pairs = between_machines(STRUCTURE, base | more, {"A": list(base), "B": list(more)})
         found.append({d.name for d in pairs if d.differs})
@@ -47,7 +47,7 @@ def told(seed: int, count: int) -> list[set[str]]:
 
 def main(pairs: int = PAIRS, shift: int = 0, count: int = RECORDINGS) -> None:
     """Print the table."""
-    found = [told(FIRST_SEED + shift + i, count) for i in range(pairs)]
+    found = [differing(FIRST_SEED + shift + i, count) for i in range(pairs)]
     for k, kind in enumerate(("equal", *NAMES)):
         right = {kind} & set(NAMES)
         said = [each[k] for each in found]

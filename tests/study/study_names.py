@@ -28,7 +28,7 @@ from tests.study.shared import options, rows
 from tests.study.shared.command import write
 from tests.study.shared.options import number, words
 from tests.study.shared.rows import Job, Layout
-from tests.study.study_diagnose import fresh_error, upper
+from tests.study.study_diagnose import fresh_error, upper_limit
 from tests.study.two_masses import kernel
 from tests.study.two_masses.estimators import start_values
 from tests.study.two_masses.laws import LAWS, Placed
@@ -49,10 +49,10 @@ from tests.study.two_masses.record import (
 PER_LAW, PER_RIGHT = 2, 6
 OTHER = 3  # kinds of excitation further on is another one
 SIZES = ("M", "L")
-# The names of the catalogue that are fair for a law, and no others. A friction by direction is dry friction and a
-# constant torque as far as it does not depend on the speed; what is added to friction of the load is dry friction
-# on average. Cranks, eccentric sensors and noise on the log are in no catalogue: there no name is right.
-FAIR: Mapping[str, set[str]] = {
+# The names of the catalogue that are accepted for a law, and no others. A friction by direction is dry friction
+# and a constant torque as far as it does not depend on the speed; what is added to friction of the load is dry
+# friction on average. Cranks, eccentric sensors and noise on the log are in no catalogue: there no name is right.
+ACCEPTED_NAMES: Mapping[str, set[str]] = {
     "motor.asymmetry": {"asymmetric-friction", "coulomb-motor"},
     "load.asymmetry": {"asymmetric-friction", "coulomb-load"},
     "motor.stribeck": {"stribeck-motor"}, "load.stribeck": {"stribeck-load", "coulomb-load"},
@@ -71,32 +71,32 @@ CODE = ("drivetool/logs", "drivetool/drive", "drivetool/identify", "drivetool/ch
 GRADES = ("right", "open", "unexplained", "missed", "wrong", "false-alarm", "failed")
 
 
-def given(situation: str, answer: Answer, fair_names: Mapping[str, set[str]] = FAIR,
+def grade_of_law(situation: str, answer: Answer, accepted_names: Mapping[str, set[str]] = ACCEPTED_NAMES,
           right: Sequence[str] = RIGHT) -> str:
     """One of GRADES.
 
-    fair_names  per law; right: situations in which nothing is missing
+    accepted_names  per law; right: situations in which nothing is missing
     open: neither certain nor excluded; where nothing is missing any answer but nothing is a false alarm
     """
     if answer.verdict == "failed":
         return "failed"
-    fair = fair_names.get(situation.removeprefix(GAP), set())
+    accepted = accepted_names.get(situation.removeprefix(GAP), set())
     named, between = set(answer.causes) - LOGGERS, set(answer.between) - LOGGERS
     nothing = answer.verdict == "nothing-found" or (answer.verdict == "named" and not named)
     if situation in right:
         return "right" if nothing else "false-alarm"
-    if named - fair:
+    if named - accepted:
         return "wrong"
     if nothing:
         return "missed"
     if answer.verdict == "unexplained":
-        return "unexplained" if fair else "right"
+        return "unexplained" if accepted else "right"
     if answer.verdict == "undetermined":
-        return "open" if between & (fair | {"unlisted"}) or named else "wrong"
+        return "open" if between & (accepted | {"unlisted"}) or named else "wrong"
     return "right"
 
 
-def another(setup: Setup, law: Placed, situation: str, count: int, seed: int) -> Record:
+def fresh_record(setup: Setup, law: Placed, situation: str, count: int, seed: int) -> Record:
     """Another record of the same machine and law: excitation, start state and noise differ."""
     rng = np.random.default_rng([seed, 433494437])
     plain = situation.removeprefix(GAP)
@@ -120,12 +120,12 @@ def _logged(setup: Setup, law: Placed, situation: str) -> Record:
     return Record(setup.machine, "", False, channels, situation.startswith(GAP), None)
 
 
-def one(job: Job) -> list[dict]:
+def run_job(job: Job) -> list[dict]:
     """The row of one record."""
     record = draw(job.situation, job.size, job.number, job.seed)
     setup, law = arrange(job.situation, job.size, job.number, job.seed)
     judged = job.number % 2 == 1
-    held, fresh = (another(setup, law, job.situation, job.number + kind, job.seed + k)
+    held, fresh = (fresh_record(setup, law, job.situation, job.number + kind, job.seed + k)
                    for kind, k in ((OTHER, 3), (OTHER * judged, 5)))
     with tempfile.TemporaryDirectory() as room:
         folder = Path(room)
@@ -133,7 +133,7 @@ def one(job: Job) -> list[dict]:
             write(STEP, each.channels, folder / f"{name}.parquet")
         free = ["--free", "shaft.half_gap"] if record.gap else []
         found = answered(folder, start_file(start_values(record, job.seed), folder), free, judged)
-    grade = given(job.situation, found.pop("answer"))
+    grade = grade_of_law(job.situation, found.pop("answer"))
     about = {"excitation": record.excitation, "sensors": list(record.channels), "judged": judged,
              "share": record.truth.share, "grade": grade, **found}
     return job.rows(about, lambda _: {})
@@ -144,10 +144,10 @@ def answered(folder: Path, start: Path, free: Sequence[str], judged: bool) -> di
 
     judged  whether held.parquet judges, or halves of the record
     """
-    begun = _spent()
+    began = _spent()
     answer = greybox_and_diagnose(folder, [folder / "record.parquet"], start, free,
                                   ["--holdout", "held.parquet"] if judged else [])
-    seconds = _spent() - begun
+    seconds = _spent() - began
     segment = answer.gain.get("segment") or 0.0
     errors = {name: fresh_error(folder, Path("fresh.parquet"), f"{name}.yaml", segment, run)
               for name in ("base", "extended")}
@@ -202,14 +202,14 @@ def table(found: Sequence[Mapping], right: Sequence[str] = RIGHT) -> str:
             ("wrong names", sum(r["grade"] == "wrong" for r in laws), len(laws)),
             ("false alarms", sum(r["grade"] == "false-alarm" for r in nulls), len(nulls)),
             ("failed", sum(r["grade"] == "failed" for r in found), len(found))):
-        lines.append(f"{words_}: {hits} of {of}, at most {100.0 * upper(hits, of):.1f} % (95 %)")
-    held = [h for row in found for h in gain_held(row)]
+        lines.append(f"{words_}: {hits} of {of}, at most {100.0 * upper_limit(hits, of):.1f} % (95 %)")
+    held = [h for row in found for h in gain_covered(row)]
     if held:
         lines.append(f"gain on a fresh record inside its interval: {sum(held)} of {len(held)}")
     return "\n".join(lines)
 
 
-def gain_held(row: Mapping) -> list[bool]:
+def gain_covered(row: Mapping) -> list[bool]:
     """Whether the interval of the gain holds that on a fresh record; empty where there is none."""
     ends, fresh = row["gain"].get("rmse_gain_ci95"), row["fresh"]
     if not ends or None in ends or not (fresh.get("base") and fresh.get("extended")):
@@ -222,7 +222,7 @@ def test_names_on_another_simulator():
     """Every record is answered; the table is printed."""
     wanted = LAYOUT.jobs(number("PER_LAW", PER_LAW), number("PER_RIGHT", PER_RIGHT), ("diagnose",),
                          words("SIZES", SIZES))
-    found = rows.run(wanted, results(), one, idle, number("WORKERS", 2))
+    found = rows.run(wanted, results(), run_job, idle, number("WORKERS", 2))
     print(f"\nseeds from {FIRST_SEED}\n\n" + table(found))
     failed = [row["key"] for row in found if row["grade"] == "failed"]
     assert len(failed) <= 0.01 * len(found), failed

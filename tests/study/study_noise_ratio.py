@@ -45,12 +45,12 @@ RATIOS = (0.0, 1e-3, 1e-2, 0.1, 1.0, 10.0)
 KINDS = ("two-mass", "one-body")
 SAMPLES = 3000
 FIRST_SEED = 140_000 + int(os.environ.get("DRIVETOOL_STUDY_SHIFT", "0"))
-FAR = 500_000  # between the seeds of a record and of the one held out
+HELD_OUT_SEED_SHIFT = 500_000  # between the seeds of a record and of the one held out
 SENSOR = 0.002  # std of the sensor over the speed that rated torque gives a two-mass drive in a quarter of a second
 GRID = np.linspace(-9.0, 3.0, 61)  # decades of the ratio about the natural one
 ALLOWED = 0.01  # of the records, on which a right model may fail: the level of the test of residual and torque
-DOUBT = "innovations-correlated"
-STUCK = 2.0  # log likelihood by which a value of the grid may be better
+CORRELATED_CODE = "innovations-correlated"
+MAX_LIKELIHOOD_LAG = 2.0  # log likelihood by which a value of the grid may be better
 
 
 @dataclass(frozen=True)
@@ -80,7 +80,7 @@ def cases(count: int) -> list[Case]:
     return [Case(*kinds[i % len(kinds)], FIRST_SEED + i) for i in range(count)]
 
 
-def moved(machine: Machine, step: float) -> float:
+def simulated(machine: Machine, step: float) -> float:
     """Rms motion of the motor [rad/s] within a second by white torque noise of one, held over each sample."""
     free, draws = replace(machine, idle_torque=(), coulomb=()), 64
     noise = np.random.default_rng(1).standard_normal((draws, round(1.0 / step)))
@@ -97,8 +97,9 @@ def two_masses(case: Case) -> Records:
     """Upward steps and a multisine about the resonance."""
     machine, step = machine_by_seed(case.seed), 1e-3
     sensor = SENSOR * machine.rated_torque * 0.25 / sum(machine.inertia)
-    torque = case.ratio * sensor / moved(machine, step) / machine.rated_torque
-    fitted, held = (linear_record(machine, case.seed + far, SAMPLES * step, torque, SENSOR) for far in (0, FAR))
+    torque = case.ratio * sensor / simulated(machine, step) / machine.rated_torque
+    fitted, held = (linear_record(machine, case.seed + shift, SAMPLES * step, torque, SENSOR)
+                    for shift in (0, HELD_OUT_SEED_SHIFT))
     names = ["motor.inertia", "load.inertia", "shaft.stiffness", "shaft.damping", "total.viscous",
              "load.idle_torque"]
     drive = drive_like(machine, names, 0.1, case.seed)
@@ -111,7 +112,7 @@ def one_mass(case: Case) -> Records:
     step = arrange("quiet", 0.0, 0, case.seed, 1.0)[0].step
     first = arrange("quiet", 0.0, 0, case.seed, SAMPLES * step)[0].machine
     sensor = first.rated_speed * 10.0 ** rng.uniform(-3.5, -2.5)
-    torque = case.ratio * sensor / moved(Machine((first.inertia,), (first.viscous,)), step)
+    torque = case.ratio * sensor / simulated(Machine((first.inertia,), (first.viscous,)), step)
     found = []
     for number in range(case.seed, case.seed + len(EXCITATIONS)):
         setup = arrange("quiet", 0.0, number, case.seed, SAMPLES * step)[0]
@@ -123,7 +124,7 @@ def one_mass(case: Case) -> Records:
     return Records(fitted, held, dict(zip(NAMES, (first.numbers() * off).tolist(), strict=True)))
 
 
-def one(case: Case) -> dict:
+def run_case(case: Case) -> dict:
     """Fit, judge, look along the ratio; what the talk of a failed command ends in."""
     records = records_of(case)
     drive = {"one-body": one_body, "two-mass": two_mass}[case.kind]().with_values(records.start)
@@ -134,7 +135,7 @@ def one(case: Case) -> dict:
         judged = run_inside(Path(room), ["validate", "held.parquet", "--params", "fit.yaml", "--json"])
     answer, said = json.loads(fit.stdout), json.loads(judged.stdout)
     task = Task(drive, default_free(drive, [records.fitted]), roles_of([records.fitted], drive), (records.fitted,))
-    return {"behind": behind(with_coloured_noise(by_innovations(task, [{}]))), "code": judged.returncode,
+    return {"behind": lag_behind_best(with_coloured_noise(by_innovations(task, [{}]))), "code": judged.returncode,
             "noise": answer["noise"], "findings": [f["code"] for f in answer["findings"]],
             "said": [f["code"] for f in said["findings"]]}
 
@@ -164,10 +165,10 @@ def diagnosed(case: Case) -> dict:
         return {"verdict": answer.verdict, "said": answer.causes}
 
 
-def behind(outcome: Outcome) -> float:
+def lag_behind_best(outcome: Outcome) -> float:
     """Restricted log likelihood by which a ratio of the grid is better than that of the fit, all else as it is.
 
-    Ratios next to it do not count: where dry friction sticks and slips the likelihood is rough.
+    Ratios next to it do not count: where dry friction sticks and slips the likelihood is not smooth.
     """
     problem, point, found = outcome.problem, outcome.fit.point, outcome.fit.noise
     ratios = unit_noise_ratio(problem, point) * 10.0**GRID
@@ -180,17 +181,17 @@ def behind(outcome: Outcome) -> float:
 def test_torque_noise_of_any_strength():
     """None stuck; of a right model all but one in a hundred pass on records held out."""
     wanted = cases(int(os.environ.get("DRIVETOOL_STUDY_RATIO", "500")))
-    rows = [(case, one(case)) for case in wanted]
+    rows = [(case, run_case(case)) for case in wanted]
     failed = [(case, row["failed"]) for case, row in rows if "failed" in row]
     assert not failed, failed
-    stuck = [(case, row["behind"]) for case, row in rows if row["behind"] > STUCK]
+    stuck = [(case, row["behind"]) for case, row in rows if row["behind"] > MAX_LIKELIHOOD_LAG]
     missed = [(case, row["code"], row["said"]) for case, row in rows if row["code"] != 0]
     print(f"\n{len(rows)} records from seed {FIRST_SEED}: {len(stuck)} ratios stuck, {len(missed)} not passed")
     print("kind, ratio: records, stuck, not passed, doubted by greybox")
     for kind, ratio in dict.fromkeys((case.kind, case.ratio) for case, _ in rows):
         these = [row for case, row in rows if (case.kind, case.ratio) == (kind, ratio)]
-        print(f"  {kind} {ratio:g}: {len(these)}, {sum(r['behind'] > STUCK for r in these)}, "
-              f"{sum(r['code'] != 0 for r in these)}, {sum(DOUBT in r['findings'] for r in these)}")
+        print(f"  {kind} {ratio:g}: {len(these)}, {sum(r['behind'] > MAX_LIKELIHOOD_LAG for r in these)}, "
+              f"{sum(r['code'] != 0 for r in these)}, {sum(CORRELATED_CODE in r['findings'] for r in these)}")
     assert not stuck, stuck
     assert len(missed) <= ALLOWED * len(rows), missed
 

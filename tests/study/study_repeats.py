@@ -42,7 +42,7 @@ def of_sets(criterion: str, seeds: range, count: int, scatter: float, used: int)
 
 
 def line_of(name: str, found: np.ndarray) -> str:
-    """What is told of a criterion."""
+    """The figures of a criterion."""
     held, width, scatter = np.moveaxis(found, 2, 0)
     cells = [f"{int(np.nansum(h))}/{np.count_nonzero(np.isfinite(h))} {100.0 * np.nanmedian(w):5.2f} "
              f"{100.0 * np.nanmedian(s):5.2f}" for h, w, s in zip(held.T, width.T, scatter.T, strict=True)]

@@ -1,4 +1,4 @@
-"""Light rigs with a shaft-torque sensor: do the intervals of the default fit hold, with what the steady step told?
+"""Light rigs with a shaft-torque sensor: do the intervals of the default fit hold, given the values of `steady`?
 
     python -m tests.study.study_shaft_torque [rigs] [shift] [duration]
 
@@ -52,16 +52,16 @@ def fitted(machine: Machine, seed: int, duration: float) -> Estimate:
     rng, true = np.random.default_rng(seed), truth_of(machine)
     start = two_mass().with_values({n: true[n] * rng.uniform(1.2, 1.6) ** rng.choice([-1, 1]) for n in (
         "motor.inertia", "load.inertia", "shaft.stiffness", "shaft.damping")})
-    told = steady([opened(steady_record(machine, 3 * seed), "steady")], start, Options())
-    return greybox([opened(steps_record(machine, 3 * seed + 1, duration=duration), "steps")], told.drive,
-                   Options(known=told.covariance))
+    steady_fit = steady([opened(steady_record(machine, 3 * seed), "steady")], start, Options())
+    return greybox([opened(steps_record(machine, 3 * seed + 1, duration=duration), "steps")], steady_fit.drive,
+                   Options(known=steady_fit.covariance))
 
 
 def main(rigs: int = RIGS, shift: int = 0, duration: float = 8.0) -> None:
     """Print the table."""
     held: dict[str, list[bool]] = {}
     widths: dict[str, list[float]] = {}
-    inside, sums, untold = 0, [], []
+    inside, sums, without_interval = 0, [], []
     for seed in range(FIRST_SEED + shift, FIRST_SEED + shift + rigs):
         machine = rig_of(seed)
         true, estimate = truth_of(machine), fitted(machine, seed, duration)
@@ -70,7 +70,7 @@ def main(rigs: int = RIGS, shift: int = 0, duration: float = 8.0) -> None:
         for name, value in true.items():
             line = lines[name]
             if line.ci95 is None:
-                untold.append((seed, name, line.status))
+                without_interval.append((seed, name, line.status))
                 continue
             held.setdefault(name, []).append(line.ci95[0] <= value <= line.ci95[1])
             widths.setdefault(name, []).append(0.5 * (line.ci95[1] - line.ci95[0]) / abs(value))
@@ -86,7 +86,8 @@ def main(rigs: int = RIGS, shift: int = 0, duration: float = 8.0) -> None:
             print(f"{seed}: no covariance: {[f.code for f in estimate.findings]}", flush=True)
     for name, each in held.items():
         print(f"{name:18s} {sum(each):4d} of {len(each)}  half width {100.0 * np.median(widths[name]):.2g} %")
-    print(f"joint error below the quantile: {inside} of {rigs}; with a sum: {sums}; without interval: {untold}")
+    print(f"joint error below the quantile: {inside} of {rigs}; with a sum: {sums}; "
+          f"without interval: {without_interval}")
 
 
 if __name__ == "__main__":

@@ -28,7 +28,7 @@ from tests.simulator.machine import Machine, running
 from tests.simulator.records import Channels, white_noise, write_mcap, write_parquet
 
 MACHINES, RECORDINGS, STEP, DURATION = 8, 25, 1e-3, 6.0
-SD = 1.0 / 60.0  # of a parameter from recording to recording, over its value
+SCATTER = 1.0 / 60.0  # of a parameter from recording to recording, over its value
 GAP_MACHINE, GAP_STEP, GAP_PLACE = 3, 0.10, 14  # ten percent are six such deviations
 DRIFT_MACHINE, DRIFT = 5, 0.4
 PRESS = Machine(
@@ -37,7 +37,7 @@ PRESS = Machine(
 START = {"motor.inertia": (0.55, "kg m^2"), "load.inertia": (5.5, "kg m^2"), "shaft.stiffness": (3000.0, "Nm/rad"),
          "shaft.damping": (3.0, "Nm s/rad"), "shaft.half_gap": (9.0, "mrad"), "motor.coulomb": (4.0, "Nm"),
          "motor.viscous": (0.7, "Nm s/rad"), "load.idle_torque": (6.0, "Nm"), "load.viscous": (0.0, "Nm s/rad")}
-BAD = ("truncated", "truncated", "short", "short", "unit", "unit", "rpm", "foreign")
+FAULTS = ("truncated", "truncated", "short", "short", "unit", "unit", "rpm", "foreign")
 
 
 @dataclass(frozen=True)
@@ -50,9 +50,10 @@ class Recorded:
 
 def machine_of(rng: np.random.Generator, base: Machine, gap: float = 1.0, viscous: float = 0.0) -> Machine:
     """A machine as it is on a day; gap: factor, viscous: standard deviations that are added."""
-    f = 1.0 + SD * rng.standard_normal(4)
+    f = 1.0 + SCATTER * rng.standard_normal(4)
     return replace(
-        base, half_gap=(base.half_gap[0] * f[0] * gap,), viscous=(base.viscous[0] * (f[1] + SD * viscous), 0.0),
+        base, half_gap=(base.half_gap[0] * f[0] * gap,),
+        viscous=(base.viscous[0] * (f[1] + SCATTER * viscous), 0.0),
         coulomb=(base.coulomb[0] * f[2], 0.0), inertia=(base.inertia[0], base.inertia[1] * f[3]))
 
 
@@ -70,8 +71,8 @@ def channels_of(machine: Machine, seed: int, duration: float = DURATION) -> Chan
 def write_site(folder: Path, seed: int) -> list[Recorded]:
     """The recordings and the site file; every other machine logs MCAP."""
     rng, found = np.random.default_rng(seed), []
-    places = rng.permutation(MACHINES * RECORDINGS)[:len(BAD)].tolist()
-    wrong = dict(zip(places, BAD, strict=True))
+    places = rng.permutation(MACHINES * RECORDINGS)[:len(FAULTS)].tolist()
+    wrong = dict(zip(places, FAULTS, strict=True))
     for m in range(MACHINES):
         base = replace(PRESS, viscous=(rng.uniform(0.6, 1.0), 0.0), coulomb=(rng.uniform(4.0, 6.0), 0.0),
                        half_gap=(rng.uniform(0.008, 0.012),), inertia=(0.6, rng.uniform(4.5, 6.0)))
@@ -92,23 +93,23 @@ def write_site(folder: Path, seed: int) -> list[Recorded]:
     return found
 
 
-def write(path: Path, machine: Machine, wrong: str, seed: int) -> None:
+def write(path: Path, machine: Machine, fault: str, seed: int) -> None:
     """One recording, with what is wrong about it."""
-    if wrong == "foreign":  # of a machine of another size
+    if fault == "foreign":  # of a machine of another size
         machine = replace(machine, inertia=(0.9, 9.0), stiffness=(5000.0,))
-    channels = dict(channels_of(machine, seed, 0.02 if wrong == "short" else DURATION))
+    channels = dict(channels_of(machine, seed, 0.02 if fault == "short" else DURATION))
     torque, speed = channels["motor_torque"][0], channels["motor_speed"][0]
-    if wrong == "unit":
+    if fault == "unit":
         channels["motor_torque"] = torque, "rad/s"
-    if wrong == "rpm":
+    if fault == "rpm":
         channels["motor_speed"] = speed * 30.0 / np.pi, "rad/s"
     (write_mcap if path.suffix == ".mcap" else write_parquet)(path, channels, STEP)
-    if wrong == "truncated":
+    if fault == "truncated":
         path.write_bytes(path.read_bytes()[:path.stat().st_size // 2])
 
 
 def run(folder: Path, out: str, workers: int) -> subprocess.Popen[str]:
-    """The site, begun."""
+    """The running process of the site."""
     return subprocess.Popen(
         [sys.executable, "-m", "drivetool", "batch", "site.yaml", "--workers", str(workers), "--out", out],
         cwd=folder, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True,
@@ -117,14 +118,14 @@ def run(folder: Path, out: str, workers: int) -> subprocess.Popen[str]:
 
 def killed(folder: Path, out: str, kills: int, seconds: float, seed: int) -> list[int]:
     """Kill the run at random times, each within its share of the seconds; results that stood after each."""
-    rng, stood = np.random.default_rng(seed), []
+    rng, result_counts = np.random.default_rng(seed), []
     for _ in range(kills):
-        begun = run(folder, out, 2)
+        process = run(folder, out, 2)
         time.sleep(rng.uniform(0.0, 2.0 * seconds / kills) + rng.uniform(0.0, 4.0))
-        begun.send_signal(signal.SIGKILL)
-        begun.communicate()
-        stood.append(len(list((folder / out).rglob("backlash.yaml"))))
-    return stood
+        process.send_signal(signal.SIGKILL)
+        process.communicate()
+        result_counts.append(len(list((folder / out).rglob("backlash.yaml"))))
+    return result_counts
 
 
 def outcome(rows: Sequence[dict], trends: dict, recorded: Sequence[Recorded], folder: Path) -> None:
@@ -138,8 +139,8 @@ def outcome(rows: Sequence[dict], trends: dict, recorded: Sequence[Recorded], fo
           f"{sum(names[r] in outlying for r in good)} outlying")
     for r in recorded:
         if r.wrong:
-            told = (("suspect-unit", doubted), ("outlying", outlying))
-            said = problem[names[r]] or " ".join(word for word, several in told if names[r] in several)
+            named_sets = (("suspect-unit", doubted), ("outlying", outlying))
+            said = problem[names[r]] or " ".join(word for word, several in named_sets if names[r] in several)
             print(f"  {r.wrong:9s} {names[r]}: {said or 'NOT NAMED'}")
     for f in trends["findings"]:
         if f["code"] in ("trend-alarm", "small-change"):
@@ -161,11 +162,11 @@ def main(folder: Path, seed: int = 0, kills: int = 20) -> None:
           f"{np.median(taken):.2f} s, peak memory {max(pair[1] or 0.0 for pair in costs.values()):.0f} MB")
     outcome(rows, yaml.safe_load((folder / "whole" / "trends.yaml").read_text()), recorded, folder)
     if kills:
-        stood = killed(folder, "killed", kills, seconds / 2.0, seed)
+        result_counts = killed(folder, "killed", kills, seconds / 2.0, seed)
         last = run(folder, "killed", 2)
         last.communicate()
         same = sites.compared(folder / "whole") == sites.compared(folder / "killed")
-        print(f"killed {kills} times (results after each: {stood}): exit code {last.returncode}, "
+        print(f"killed {kills} times (results after each: {result_counts}): exit code {last.returncode}, "
               f"{'the same bytes' if same else 'OTHER BYTES'}")
     print(Counter(r.wrong or "good" for r in recorded))
 

@@ -32,7 +32,7 @@ def test_a_body_of_varying_inertia_keeps_its_energy():
 
 @pytest.mark.slow
 @pytest.mark.parametrize("number, seed", [(6, 8506), (2, 8502)])
-def test_a_varying_inertia_is_told_in_its_mean(number, seed):
+def test_a_varying_inertia_is_identified_by_its_mean(number, seed):
     record = varying.draw(number, seed)
     found = fitted(varying.STEP, record)
     assert found["ci95"][0] is not None and not misses(found, record.inertia)
@@ -41,9 +41,9 @@ def test_a_varying_inertia_is_told_in_its_mean(number, seed):
 
 
 def test_what_is_far_off_or_narrow_without_a_word_is_a_miss():
-    def told(value, low, high, *findings):
+    def missed(value, low, high, *findings):
         return misses({"value": [value], "ci95": [[low, high]], "findings": findings}, 1.0)
 
-    assert told(1.1, 1.09, 1.11, "model-error") and not told(1.1, 1.05, 1.15)
-    assert told(1.0, 0.99, 1.01) and not told(1.0, 0.99, 1.01, "model-error")
+    assert missed(1.1, 1.09, 1.11, "model-error") and not missed(1.1, 1.05, 1.15)
+    assert missed(1.0, 0.99, 1.01) and not missed(1.0, 0.99, 1.01, "model-error")
     assert not misses({"value": [2.0], "ci95": [None], "findings": []}, 1.0)

@@ -108,7 +108,7 @@ def sized(law, size):
 
 
 def with_sizes(laws):
-    """Two of three sizes for each law, so that all are asked for."""
+    """Two of three sizes for each law, so that all occur."""
     return pytest.mark.parametrize(("law", "size"), [
         (law, size) for i, law in enumerate(LAWS) for size in ("SM", "ML", "SL")[i % 3] if law in laws])
 

@@ -272,7 +272,7 @@ def test_load_sensors_measure_speed_and_torque_of_the_shaft():
     np.testing.assert_array_equal(speed, run.states[:-1, kernel.VL])
 
 
-def test_the_truth_of_a_law_is_felt_at_the_motor():
+def test_the_truth_of_a_law_is_referred_to_the_motor():
     def extra(situation, size="L"):
         record = draw(situation, size, 1, 70, 3.0)
         rigid = record.machine.rigid
@@ -357,8 +357,8 @@ def test_scores_of_made_up_rows():
     gap = score(made_up(error=0.1, gap=True, total=False))
     assert gap.half_gap == pytest.approx(0.1) and gap.over["half gap"] == pytest.approx([5.0])
     assert gap.friction == pytest.approx(2.0 * found.friction)  # the parts count as their sum
-    apart = friction_half(made_up(total=False, link=-1.0), np.array([10.0]))
-    assert apart == pytest.approx([0.02 * np.hypot(1.0, 10.0 * (0.06 - 0.04))])
+    half_width = friction_half(made_up(total=False, link=-1.0), np.array([10.0]))
+    assert half_width == pytest.approx([0.02 * np.hypot(1.0, 10.0 * (0.06 - 0.04))])
     failed = score({"failed": "so", "seconds": 2.0, "gap": True})
     assert failed.stiffness == failed.half_gap == np.inf and np.isnan(failed.over["friction"]).all()
 
@@ -394,8 +394,8 @@ def test_a_table_says_who_errs_by_how_much_more_and_which_intervals_hold():
     assert cells("95 %", "M load auto")[:2] == ["0", "(0-41)"]
     assert cells("95 %", "M gap left out auto")[-4:] == ["0", "(0-41)", "0", "10"]
     blind = [row | {"ci95": [None] * len(NAMES)} if row["law"] == "shaft.gap" else row for row in found]
-    told = next(line for line in summary(blind).splitlines() if line.startswith("M gap left out auto  "))
-    assert told.split()[-8:] == ["-", "-", "-", "-", "-", "-", "10", "10"]  # without an interval none misleads
+    row = next(line for line in summary(blind).splitlines() if line.startswith("M gap left out auto  "))
+    assert row.split()[-8:] == ["-", "-", "-", "-", "-", "-", "10", "10"]  # without an interval none misleads
     assert cells("by sensors, error of the stiffness", "law motor_speed")[0] == "3.00"
     assert cells("share of rated", "load.dry") == ["nan", "5.0", "nan", "10"]
     assert set(ABOUT) == {"motor inertia", "load inertia", "stiffness", "friction", "half gap"}

@@ -8,15 +8,15 @@ import pytest
 from drivetool.check.causes import CAUSES
 from tests.hidden.command import Answer
 from tests.study import study_names_one_body as one_body
-from tests.study.study_names import FAIR, another, given
+from tests.study.study_names import ACCEPTED_NAMES, fresh_record, grade_of_law
 from tests.study.two_masses.laws import LAWS
 from tests.study.two_masses.record import arrange
 
 
-def test_every_law_has_its_fair_names():
-    assert set(FAIR) == set(LAWS)
-    assert set(one_body.FAIR) == set(one_body.LAWS)
-    assert set().union(*FAIR.values(), *one_body.FAIR.values()) <= set(CAUSES)
+def test_every_law_has_its_accepted_names():
+    assert set(ACCEPTED_NAMES) == set(LAWS)
+    assert set(one_body.ACCEPTED_NAMES) == set(one_body.LAWS)
+    assert set().union(*ACCEPTED_NAMES.values(), *one_body.ACCEPTED_NAMES.values()) <= set(CAUSES)
 
 
 @pytest.mark.parametrize(("situation", "verdict", "causes", "between", "grade"), [
@@ -32,12 +32,12 @@ def test_every_law_has_its_fair_names():
     ("motor.crank", "named", ("imbalance",), (), "wrong"),
     ("gap+load.dry", "named", ("coulomb-load",), (), "right"), ("load.dry", "failed", (), (), "failed")])
 def test_what_is_right(situation, verdict, causes, between, grade):
-    assert given(situation, Answer(verdict, causes, between)) == grade
+    assert grade_of_law(situation, Answer(verdict, causes, between)) == grade
 
 
 def test_a_further_record_is_of_the_same_machine_under_the_same_law():
     setup, law = arrange("motor.cogging", "L", 3, 5, 1.0)
-    first, second = (another(setup, law, "motor.cogging", count, 9) for count in (4, 6))
+    first, second = (fresh_record(setup, law, "motor.cogging", count, 9) for count in (4, 6))
     assert first.machine is second.machine is setup.machine
     assert set(first.channels) == set(second.channels)
     assert not np.allclose(first.channels["motor_torque"], second.channels["motor_torque"])
@@ -46,7 +46,7 @@ def test_a_further_record_is_of_the_same_machine_under_the_same_law():
 @pytest.mark.parametrize("law", ["lugre", "none"])
 def test_a_further_run_of_one_body_is_another_motion_of_the_same_machine(law):
     setup, placed, _ = one_body.arrange(law, 0.15, 3, 5, 2.0)
-    second = one_body.another(setup, placed, law, 6, 9)
+    second = one_body.fresh_record(setup, placed, law, 6, 9)
     assert second.machine is setup.machine and second.step == setup.step
     first, other = (one_body.channels_of(each, placed) for each in (setup, second))
     assert set(first) == set(other) and len(first["motor_torque"]) == len(other["motor_torque"])

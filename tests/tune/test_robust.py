@@ -172,7 +172,7 @@ def test_hunting_is_found_where_the_describing_function_puts_it():
 
 
 @pytest.mark.slow
-def test_hunting_against_the_independent_simulator():
+def test_a_limit_cycle_against_the_independent_simulator():
     (found,) = disturbance_responses(build(CYCLING, FILTERED), CYCLING_AT)
     # A discrete controller without the filter, whose lag is put into the dead time instead.
     plain = build(CYCLING.with_values({"converter.dead_time": 0.0064}), Wiring())
@@ -192,7 +192,7 @@ def test_hunting_against_the_independent_simulator():
 
 
 @pytest.mark.slow
-def test_below_the_safe_gain_nothing_hunts():
+def test_below_the_safe_gain_there_is_no_limit_cycle():
     loop = build(CYCLING, FILTERED)
     safe = safe_gain(loop, CYCLING_AT)
     assert 0.0 < safe < CYCLING_AT.gain
@@ -205,7 +205,7 @@ def test_below_the_safe_gain_nothing_hunts():
 
 
 @pytest.mark.slow
-def test_hunting_is_told():
+def test_a_limit_cycle_is_reported():
     gains = tune(CYCLING, TuneOptions(speed_filter=0.002))
     limit_cycles = [f for f in gains.findings if f.code == "limit-cycle"]
     assert limit_cycles and limit_cycles[0].severity == "warning"

@@ -83,10 +83,10 @@ def test_normal_sites_have_none():
     assert sum(bool(outliers(trends_of(site(seed, normal))[1])) for seed in SEEDS) <= 2
 
 
-def test_the_bar_is_that_of_an_alarm():
+def test_the_threshold_is_that_of_an_alarm():
     """Eight standard deviations: by five of them it is far, by ten it is not, in 9 of 10 such sites."""
     rows = [site(seed, machines=1, changed={COULOMB: 8.0 * (N == 9)}) for seed in SEEDS]
-    named = [sum(bool(outliers(trends_of(each, bar)[1])) for each in rows) for bar in (5.0, 10.0)]
+    named = [sum(bool(outliers(trends_of(each, threshold)[1])) for each in rows) for threshold in (5.0, 10.0)]
     assert named[0] >= 14 and named[1] <= 6
 
 

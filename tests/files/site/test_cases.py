@@ -19,7 +19,7 @@ HOSTILE = ("bell \x07 escape \x1b[31m nul \x00 delete \x7f line\u2028 lone \udc8
            "\ttab \U0001f600")
 
 
-def test_a_suite_per_machine_and_a_case_per_bar_and_recording():
+def test_a_suite_per_machine_and_a_case_per_limit_and_recording():
     root = ElementTree.fromstring(junit(CASES).encode())
     assert root.tag == "testsuites"
     assert root.attrib == {"name": "drivetool", "tests": "4", "failures": "2", "errors": "0"}
@@ -79,7 +79,7 @@ def test_markdown_has_the_machines_the_misses_and_the_warnings():
     assert "## Failed" not in markdown(CASES[:1]) and "# drivetool: 1 checks passed" in markdown(CASES[:1])
 
 
-def test_a_bar_in_a_name_is_no_column():
+def test_a_pipe_in_a_name_is_no_column():
     row, = (line for line in markdown([Case("a|b\nc", "", "x", True, "")]).splitlines() if line.startswith("| a"))
     assert row == "| a\\|b c | 1 | 0 | 0 |"
 

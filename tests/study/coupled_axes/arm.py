@@ -1,7 +1,7 @@
 """Records of one joint of a planar arm whose other joint moves as well: no one body explains them.
 
 Two uniform links in a horizontal plane, each joint under a loop of its own (Siciliano et al. 2009, 7.3.2). The
-logged joint is asked for little and the other for much, so that most of its torque answers the other's motion.
+logged joint receives little torque and the other much, so that most of its torque answers the other's motion.
 """
 
 from __future__ import annotations
@@ -15,7 +15,7 @@ from tests.study.missing_laws.excitation import CLOSED
 
 STEP = 2e-3  # s
 PARTS = 4  # steps of the integrator in a sample
-SHARP = 1e-2  # rad/s over which dry friction changes its sign
+FRICTION_WIDTH = 1e-2  # rad/s over which dry friction changes its sign
 EXCITATIONS = ("sines", "point-to-point", "random-speeds", "speed-steps")
 
 
@@ -40,8 +40,8 @@ def _rates(x, torque, p, out):
     """p: inertias of both links about their joints with what they carry, coupling, dry and viscous friction."""
     shoulder, elbow, coupling = p[0], p[1], p[2]
     c, s = coupling * np.cos(x[1]), coupling * np.sin(x[1])
-    first = torque[0] + s * (2.0 * x[2] * x[3] + x[3] * x[3]) - p[3] * np.tanh(x[2] / SHARP) - p[5] * x[2]
-    second = torque[1] - s * x[2] * x[2] - p[4] * np.tanh(x[3] / SHARP) - p[6] * x[3]
+    first = torque[0] + s * (2.0 * x[2] * x[3] + x[3] * x[3]) - p[3] * np.tanh(x[2] / FRICTION_WIDTH) - p[5] * x[2]
+    second = torque[1] - s * x[2] * x[2] - p[4] * np.tanh(x[3] / FRICTION_WIDTH) - p[6] * x[3]
     m11, m12, m22 = shoulder + elbow + 2.0 * c, elbow + c, elbow
     det = m11 * m22 - m12 * m12
     out[0], out[1] = x[2], x[3]
@@ -97,7 +97,7 @@ def draw(number: int, seed: int, seconds: float | None = None) -> JointRecord:
     folded = 2.0 * coupling * np.cos(states[:, 1])
     own = shoulder + elbow + folded if logged == 0 else np.full(n, elbow)
     torque = torques[:, logged]
-    friction = p[3 + logged] * np.tanh(speed / SHARP) + p[5 + logged] * speed
+    friction = p[3 + logged] * np.tanh(speed / FRICTION_WIDTH) + p[5 + logged] * speed
     alone = own.mean() * np.gradient(speed, STEP) + friction
     coupled, inertia = float(np.std(torque - alone) / np.std(torque)), float(own.mean())
     if rng.uniform() < 0.5:

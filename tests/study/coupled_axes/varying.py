@@ -15,7 +15,7 @@ from tests.study.missing_laws.excitation import CLOSED
 
 STEP = 2e-3  # s
 PARTS = 4  # steps of the integrator in a sample
-SHARP = 5e-3  # of the top speed, over which dry friction changes its sign
+FRICTION_WIDTH_SHARE = 5e-3  # of the top speed, over which dry friction changes its sign
 SHARE = 0.2
 EXCITATIONS = ("sines", "point-to-point", "random-speeds", "speed-steps")
 
@@ -80,7 +80,7 @@ def draw(number: int, seed: int) -> VaryingRecord:
     wanted -= wanted[0]
     torque = inertia * top / seconds  # that accelerates
     p = np.array([inertia, 0.05 * torque / top, torque * rng.uniform(0.02, 0.1), torque * rng.uniform(-0.03, 0.03),
-                  order, rng.uniform(0.0, 2.0 * np.pi), SHARP * top])
+                  order, rng.uniform(0.0, 2.0 * np.pi), FRICTION_WIDTH_SHARE * top])
     pole = 2.0 * np.pi * rng.uniform(1.5, 4.0)
     noise = torque * 10.0 ** rng.uniform(-3.0, -2.0) * rng.standard_normal(n)
     logged, angle, speed = _run(wanted, speeds, inertia * np.array([pole**2, 1.4 * pole]), p, SHARE, noise)

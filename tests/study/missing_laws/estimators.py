@@ -30,12 +30,12 @@ def fit(record: Record, seed: int, criterion: str) -> dict:
                processor time; where it failed only failed and seconds
     """
     if criterion == REGRESSION:
-        begun = time.process_time()
+        began = time.process_time()
         try:
             found = _plain(record)
         except ValueError as problem:
             found = {"failed": str(problem)}
-        return found | {"seconds": time.process_time() - begun}
+        return found | {"seconds": time.process_time() - began}
     return greybox(record.step, {"motor_torque": record.torque, record.role: record.measured},
                    start_values(record, seed), NAMES, ["--drive", "one-body", "--criterion", criterion])
 

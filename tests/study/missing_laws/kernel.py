@@ -165,7 +165,7 @@ def read(y, is_angle, noise, quantum, code, a):
 
 @njit(cache=True)
 def run(h, parts, start, mode, command, speeds, angles, c, code, p, a, disturbance, noise, quantum, is_angle):
-    """A record: (n,) torque asked for, (n,) sensor, (n + 1, STATES) states at the samples and after the last.
+    """A record: (n,) commanded torque, (n,) sensor, (n + 1, STATES) states at the samples and after the last.
 
     command          (n,) [N m] without a controller; speeds [rad/s], angles [rad]: its references
     c                controller: KP, KI, KQ, FILTER (share of a new speed), LIMIT [N m], TOP [rad/s] of torque mode

@@ -1,7 +1,7 @@
 """The thirteen laws that the model lacks: constants by size, and what they add to the friction curve.
 
 The size is a share of rated torque. Ten laws have a torque of their own: its largest value has this share (of
-noise on the log: the standard deviation). What the others ask for depends on the motion: their strength is found
+noise on the log: the standard deviation). The torque of the others depends on the motion: their strength is found
 by simulation, so that the root mean square of the torque that the model misses has this share (see record.py).
 """
 
@@ -21,7 +21,7 @@ LAWS = ("asymmetry", "stribeck", "lugre", "cogging", "gravity", "crank", "backla
 # Laws sized by the motion, with the largest strength that a machine may have: the share of the inertia that
 # varies, the share behind the gap or shaft, the ripple of the speed, the share of the torque's peak cut off.
 MOST = {"crank": 0.5, "backlash": 0.7, "elastic-shaft": 0.7, "eccentricity": 0.1, "saturation": 0.7}
-# A law of size zero is the plain machine; these are so as a limit only, and the kernel is then told none.
+# A law of size zero is the plain machine; these are so as a limit only, and the kernel then receives none.
 LIMITS = ("lugre", "backlash", "elastic-shaft")
 
 

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-LEAST_POWER, MOST_POWER = 20.0, 2e6  # [W] a small servo, a rolling mill
+MIN_POWER, MAX_POWER = 20.0, 2e6  # [W] a small servo, a rolling mill
 
 
 @dataclass(frozen=True)
@@ -29,9 +29,9 @@ class Machine:
 
 
 def draw_machine(rng: np.random.Generator) -> Machine:
-    """A machine of any power between LEAST_POWER and MOST_POWER, uniform in its logarithm."""
-    bigger = np.log(MOST_POWER / LEAST_POWER) * rng.uniform()
-    power = LEAST_POWER * np.exp(bigger)
+    """A machine of any power between MIN_POWER and MAX_POWER, uniform in its logarithm."""
+    bigger = np.log(MAX_POWER / MIN_POWER) * rng.uniform()
+    power = MIN_POWER * np.exp(bigger)
     speed = 300.0 * np.exp(-0.2 * bigger) * 10.0 ** rng.uniform(-0.25, 0.25)
     torque = power / speed
     # Time from rest to rated speed at rated torque: tens of milliseconds, up to a second for mills.

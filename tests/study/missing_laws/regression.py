@@ -15,9 +15,9 @@ from scipy.stats import t as student
 BLOCKS = 16  # of the covariance: contiguous, so that errors may be correlated within (Bester, Conley, Hansen 2011)
 # Sensor noise in the acceleration biases the inertia by its share of the power (errors in variables).
 NOISE_SHARE = 1e-3
-HIGHEST, LOWER = 0.4, 0.7  # cut-offs tried, in Nyquist frequencies: the first, and each over the one before
-LOWEST = 2e-3
-STANDS = 0.005  # of top speed; slower for STANDING_SAMPLES is standstill, where friction is unknown
+FIRST_CUT_OFF, CUT_OFF_FACTOR = 0.4, 0.7  # in Nyquist frequencies; each cut-off tried over the one before
+MIN_CUT_OFF = 2e-3
+STANDSTILL_SPEED = 0.005  # of top speed; slower for STANDING_SAMPLES is standstill, where friction is unknown
 STANDING_SAMPLES = 2
 STANDING_SHARE = 0.05  # of standstill in what the filter mixes into a sample, from which it is left out
 
@@ -46,14 +46,14 @@ def least_squares(step: float, torque: np.ndarray, measured: np.ndarray, is_angl
     change = np.diff(speed) / step
     edge = _cut_off(change, is_angle)
     b, a = butter(2, edge)
-    # The sign is taken before the low-pass, from a speed that is only smoothed where noise asks for it.
-    smooth = filtfilt(*butter(2, min(4.0 * edge, 0.8)), speed) if edge < HIGHEST else speed
-    slow = np.abs(smooth) < max(STANDS * np.quantile(np.abs(smooth), 0.995), 2.0 * np.std(speed - smooth))
-    stands = lfilter(np.ones(STANDING_SAMPLES), 1.0, slow) > STANDING_SAMPLES - 0.5
+    # The sign is taken before the low-pass, from a speed that is only smoothed where noise requires it.
+    smooth = filtfilt(*butter(2, min(4.0 * edge, 0.8)), speed) if edge < FIRST_CUT_OFF else speed
+    slow = np.abs(smooth) < max(STANDSTILL_SPEED * np.quantile(np.abs(smooth), 0.995), 2.0 * np.std(speed - smooth))
+    standstill = lfilter(np.ones(STANDING_SAMPLES), 1.0, slow) > STANDING_SAMPLES - 0.5
     columns = [change, 0.5 * (speed[1:] + speed[:-1]), _side(smooth), np.ones(len(change))]
     rows = np.column_stack([filtfilt(b, a, column) for column in columns])
     smooth_torque = filtfilt(b, a, torque)
-    used = filtfilt(b, a, stands[1:].astype(float)) < STANDING_SHARE
+    used = filtfilt(b, a, standstill[1:].astype(float)) < STANDING_SHARE
     ends = int(1.0 / edge) + 1  # the filter's own transient
     used[:ends] = used[len(used) - ends:] = False
     if used.sum() < 4 * BLOCKS:
@@ -92,10 +92,10 @@ def _cut_off(change: np.ndarray, is_angle: bool) -> float:
     gain = (2.0 * np.sin(0.5 * angular)) ** (4 if is_angle else 2)  # of the differences
     top = angular > 0.8 * np.pi
     level = np.median(power[top] / gain[top]) / np.log(2.0)
-    edge = HIGHEST
+    edge = FIRST_CUT_OFF
     while True:
         b, a = butter(2, edge)
         passed = np.abs(np.polyval(b, np.exp(1j * angular)) / np.polyval(a, np.exp(1j * angular))) ** 4
-        if np.sum(level * gain * passed) < NOISE_SHARE * np.sum(power * passed) or edge < LOWEST:
+        if np.sum(level * gain * passed) < NOISE_SHARE * np.sum(power * passed) or edge < MIN_CUT_OFF:
             return edge
-        edge *= LOWER
+        edge *= CUT_OFF_FACTOR

@@ -23,10 +23,10 @@ LAYOUT = Layout(LAWS, tuple(SIZES), RIGHT, FIRST_SEED)
 
 def run(wanted: Iterable[Job], path: Path, workers: int = 2) -> list[dict]:
     """Run what is not there yet; all the wanted rows."""
-    return rows.run(wanted, path, one, warm_up, workers)
+    return rows.run(wanted, path, run_job, warm_up, workers)
 
 
-def one(job: Job) -> list[dict]:
+def run_job(job: Job) -> list[dict]:
     """The rows of one record."""
     record = draw(job.situation, job.size, job.number, job.seed)
     about = {"excitation": record.excitation, "closed": record.closed, "role": record.role,

@@ -25,11 +25,11 @@ from tests.study.shared.tables import (
     shares,
 )
 
-# Neither a straight line nor a torque that the motion tells represents these; figures are also pooled without.
+# Neither a straight line nor a function of the motion represents these; figures are also pooled without.
 HARDEST = ("saturation", "lugre")
-# An estimator keeps up where its median is within this factor of the better of two plain ones, plus a share of
-# the inertia or of the friction that is of no matter.
-PLAIN, FACTOR, NO_MATTER = (REGRESSION, "simulation"), 2.0, {"inertia": 0.001, "friction": 0.005}
+# An estimator is not worse where its median is within this factor of the better of two plain ones, plus a share of
+# the inertia or of the friction that is tolerated.
+PLAIN, FACTOR, TOLERATED_ERROR = (REGRESSION, "simulation"), 2.0, {"inertia": 0.001, "friction": 0.005}
 ERRORS = {"inertia": "inertia", "friction": "friction curve over its mean", "idle": "idle torque over rated torque"}
 
 
@@ -46,12 +46,13 @@ def summary(rows: Sequence[Mapping], reference: str = "") -> str:
     parts += [figures(found, groups, field, f"error of the {words}") for field, words in ERRORS.items()]
     parts += [figures(found, groups, field, f"half-width of the 95 % interval, {words}")
               for field, words in (("inertia_half", "inertia"), ("friction_half", "friction over its mean"))]
-    parts += [held(found, groups)]
+    parts += [coverage_cells(found, groups)]
     reference = reference if reference in names else names[0]
     parts += [ratios(found, groups, reference, ("inertia", "friction"))] if len(names) > 1 else []
     parts += [figures(found, single, field, f"by law, error of the {ERRORS[field]}")
               for field in ("inertia", "friction")]
-    parts += [held(found, single), kept_up(found), shares(rows, tuple(MOST), tuple(SIZES)), answers(rows, names)]
+    parts += [coverage_cells(found, single), not_worse(found), shares(rows, tuple(MOST), tuple(SIZES)),
+              answers(rows, names)]
     return joined(parts)
 
 
@@ -65,7 +66,7 @@ def grouped(found: Scored) -> Groups:
     return filled(groups)
 
 
-def held(found: Scored, groups: Groups) -> str:
+def coverage_cells(found: Scored, groups: Groups) -> str:
     """Shares of intervals that hold."""
     def cells(scores: list[Score]) -> list[str]:
         these = coverage(scores)
@@ -74,7 +75,7 @@ def held(found: Scored, groups: Groups) -> str:
     return covered(found, groups, ["holds inertia", "holds friction", "over 3 half-widths", "none stated"], cells)
 
 
-def kept_up(found: Scored) -> str:
+def not_worse(found: Scored) -> str:
     """Per size: how many laws an estimator's median error keeps up with, and which it does not; see FACTOR."""
     names = found.names
     plain = [name for name in PLAIN if name in names]
@@ -85,7 +86,7 @@ def kept_up(found: Scored) -> str:
             bad = {field: [law for law, members in groups.items()
                            if quantile(found.column(members, name, field), 0.5) > FACTOR * min(
                                quantile(found.column(members, other, field), 0.5) for other in plain) + least]
-                   for field, least in NO_MATTER.items()}
+                   for field, least in TOLERATED_ERROR.items()}
             body[f"{size} {name}"] = ([f"{len(groups) - len(laws)}" for laws in bad.values()]
                                       + [" ".join(laws) or "-" for laws in bad.values()], len(groups))
     words = " and ".join(plain)

@@ -75,7 +75,7 @@ def _command(words: list[str]) -> tuple[int, str, str, float]:
     """(exit code, standard output, standard error, seconds of processor time) of a command in this process."""
     from drivetool.cli.command_line import app
 
-    out, err, begun = StringIO(), StringIO(), time.process_time()
+    out, err, began = StringIO(), StringIO(), time.process_time()
     try:
         with _limited(SECONDS), redirect_stdout(out), redirect_stderr(err):
             code = app(words, standalone_mode=True, prog_name="drivetool") or 0
@@ -84,7 +84,7 @@ def _command(words: list[str]) -> tuple[int, str, str, float]:
     except TimeoutError:
         code = 124
         err.write(f"not done after {SECONDS} s")
-    return code, out.getvalue(), err.getvalue(), time.process_time() - begun
+    return code, out.getvalue(), err.getvalue(), time.process_time() - began
 
 
 @contextmanager

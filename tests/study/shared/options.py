@@ -1,4 +1,4 @@
-"""What the environment asks of a study: DRIVETOOL_STUDY_..., see each study."""
+"""Options of a study from the environment: DRIVETOOL_STUDY_..., see each study."""
 
 from __future__ import annotations
 

@@ -93,7 +93,7 @@ def run(wanted: Iterable[Job], path: Path, one: Callable[[Job], list[dict]],
     """Run what is not there yet; all the wanted rows.
 
     one      the rows of a job
-    warm_up  is told the estimators, so that no row counts the loading of compiled code
+    warm_up  receives the estimators, so that no row counts the loading of compiled code
     """
     there, wanted = resumed(path), list(wanted)
     left = [replace(job, estimators=lacking) for job in wanted

@@ -17,9 +17,9 @@ from tests.study.two_masses import kernel
 from tests.study.two_masses.machine import HALF_GAPS, Machine
 
 BODIES = ("motor", "load")
-ON_EITHER = ("asymmetry", "stribeck", "drag", "warm-up", "load-steps", "cogging", "gravity", "crank")
+ON_EITHER_BODY = ("asymmetry", "stribeck", "drag", "warm-up", "load-steps", "cogging", "gravity", "crank")
 # The model has dry friction on the motor alone unless load.coulomb is freed.
-LAWS = (*(f"{body}.{law}" for law in ON_EITHER for body in BODIES), "load.dry", "motor.log-noise",
+LAWS = (*(f"{body}.{law}" for law in ON_EITHER_BODY for body in BODIES), "load.dry", "motor.log-noise",
         "motor.eccentricity", "shaft.gap", "load.third-mass")
 # Laws sized by the motion, with the largest strength that a machine may have: the share of the body's inertia that
 # varies, the ripple of the speed, and drag at rated speed over rated torque: few records come near that speed.
@@ -70,7 +70,7 @@ class Placed:
         return max(shaft, own)
 
     def curves(self, machine: Machine, speeds: np.ndarray, times: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Of friction felt at the motor, as in Law.curves: the load's counts at the motor's speed."""
+        """Of friction referred to the motor, as in Law.curves: the load's counts at the motor's speed."""
         friction, uneven = self.law.curves(machine.rigid, speeds, times)
         if self.law.name == "drag":
             friction = friction + self.law.strength * speeds**2

@@ -42,7 +42,7 @@ SECOND = (None, None, "load_speed", "shaft_torque")
 SHAFT_NOISE = 2e-3  # of rated torque
 # Excitations without steps of the torque get sines about the resonance, as one shakes a drive to identify it.
 SMOOTH = ("point-to-point", "chirp", "sines", "multisine", "random-speeds")
-SHAKEN, LINES = (0.4, 1.8), 6  # in resonances
+MULTISINE_BAND, MULTISINE_LINES = (0.4, 1.8), 6  # in resonances
 
 
 @dataclass(frozen=True)
@@ -190,12 +190,12 @@ def sized(setup: Setup, law: Placed, size: str) -> Placed:
     return law.at(searched(MOST[name] * unit, SIZES[size], share_of)[0])
 
 
-def shaken(excitation: Excitation, machine: Machine, rng: np.random.Generator) -> Excitation:
+def with_multisine(excitation: Excitation, machine: Machine, rng: np.random.Generator) -> Excitation:
     """The excitation with sines about the resonance on its torque."""
     n = len(excitation.command)
     friction = machine.rigid.coulomb + 0.4 * machine.rated_speed * machine.rigid.viscous
-    frequency = machine.resonance * rng.uniform(*SHAKEN, LINES)
-    phase = 2.0 * np.pi * rng.uniform(size=LINES)
+    frequency = machine.resonance * rng.uniform(*MULTISINE_BAND, MULTISINE_LINES)
+    phase = 2.0 * np.pi * rng.uniform(size=MULTISINE_LINES)
     waves = np.sin(2.0 * np.pi * STEP * np.arange(n)[:, None] * frequency + phase).sum(axis=1)
     return replace(excitation, command=excitation.command + friction * rng.uniform(0.15, 0.4) * waves)
 
@@ -208,7 +208,7 @@ def prepare(noise: str, machine: Machine, number: int, n: int, rng: np.random.Ge
     name = EXCITATIONS[number % len(EXCITATIONS)]
     excitation = draw_excitation(name, machine.rigid, STEP, n, start[kernel.VM], machine.antiresonance, rng)
     if name in SMOOTH:
-        excitation = shaken(excitation, machine, rng)
+        excitation = with_multisine(excitation, machine, rng)
     is_angle = bool(rng.uniform() < 0.5)
     quantum = 2.0 * np.pi / 2.0 ** rng.integers(12, 19) if is_angle else (
         machine.rated_speed * 10.0 ** rng.uniform(-3.3, -2.4))
@@ -275,10 +275,10 @@ def truth_of(setup: Setup, law: Placed, run: Run) -> Truth:
     return Truth(*(values[name] for name in (*NAMES[:3], "shaft.half_gap")),
                  machine.rigid.idle + float(np.mean(uneven) + np.mean(setup.load)), visited.speeds, curve,
                  nearest_line(visited.speeds, curve), visited.marks, machine.rated_torque, share,
-                 crossed(machine, run.states) / (STEP * len(run.torque)))
+                 gap_crossings(machine, run.states) / (STEP * len(run.torque)))
 
 
-def crossed(machine: Machine, states: np.ndarray) -> int:
+def gap_crossings(machine: Machine, states: np.ndarray) -> int:
     """How often the gap's contact changed its side."""
     v = machine.values
     z = states[:, kernel.TWIST] + v["shaft.damping"] / v["shaft.stiffness"] * (

@@ -24,10 +24,10 @@ LAYOUT = Layout((*LAWS, *BEHIND_GAP), tuple(SIZES), RIGHT, FIRST_SEED)
 
 def run(wanted: Iterable[Job], path: Path, workers: int = 2) -> list[dict]:
     """Run what is not there yet; all the wanted rows."""
-    return rows.run(wanted, path, one, warm_up, workers)
+    return rows.run(wanted, path, run_job, warm_up, workers)
 
 
-def one(job: Job) -> list[dict]:
+def run_job(job: Job) -> list[dict]:
     """The rows of one record."""
     record = draw(job.situation, job.size, job.number, job.seed)
     sensors = " + ".join(role for role in record.channels if role != "motor_torque")
