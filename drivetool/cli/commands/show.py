@@ -10,7 +10,7 @@ from drivetool.cli.options import common as cli
 from drivetool.cli.output import DONE, guarded, print_findings, print_table, table_console
 from drivetool.errors import BadOption
 
-HELP = "The table of a file that another step wrote, or two files of parameters side by side."
+HELP = "The table of a file that another step wrote, or of two parameter files side by side."
 EXAMPLE = "drivetool show greybox.yaml backlash.yaml"
 
 
@@ -19,7 +19,7 @@ def command(
         metavar="FILE", help="Of parameters (by hand, too), a validation, gains, spectra, a comparison, trends or "
         "an inspection; - is standard input.")],
     other: Annotated[str | None, typer.Argument(
-        metavar="[FILE2]", help="Second file of parameters: one row per parameter, with the difference.")] = None,
+        metavar="[FILE2]", help="A second parameter file. Each row has both values and their difference.")] = None,
     debug: cli.Debug = False,
 ) -> None:
     """See HELP."""
@@ -46,7 +46,7 @@ def _compare(paths: tuple[str, str]) -> int:
     files = [load_result(path) for path in paths]
     for path, file in zip(paths, files, strict=True):
         if not hasattr(file, "parameters"):
-            raise BadOption("two files of parameters, to show side by side", f"{file.schema} in {path}",
+            raise BadOption("two parameter files, to show side by side", f"{file.schema} in {path}",
                             "Show such a file by itself.")
     print_both(files, paths, table_console())
     return DONE
