@@ -268,6 +268,13 @@ def test_validate_checks_each_file_as_a_model(folder, call, monkeypatch):
     assert yaml.safe_load((folder / "v.yaml").read_text())["passed"] is False
     code, out, _ = call("show", "v.yaml")
     assert code == 0 and "missed" in out and "93" in out
+    code, out, err = call("show", "hand.yaml", "v.yaml")
+    assert (code, out) == (2, "") and "found drivetool/validation/1 in v.yaml" in err
+    code, out, err = call("show", "hand.yaml", "b.yaml")
+    assert (code, err) == (0, "") and {"hand", "b"} <= set(out.split())
+    assert [line.split() for line in out.splitlines()][2:] == [
+        [f"{name}.inertia", value, "-", value, "-", "kg", "m^2", "-"] for name, value in (
+            ("motor", "0.4"), ("load", "5.6"))]
 
 
 STUBBED = """

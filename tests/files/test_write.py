@@ -20,7 +20,7 @@ from drivetool.files.disk import write
 from drivetool.files.figures import plots, thinning
 from drivetool.files.results.result_file import dump, dump_estimate, dump_validation, estimate_file, validation_file
 from drivetool.files.shapes import schema
-from drivetool.files.tables import result_tables as tables
+from drivetool.files.tables import result_tables as tables, rounded
 from drivetool.files.yaml.parameter_file import load_parameters, load_result
 from drivetool.identify.estimate import Covariance, Estimate, Parameter, PlotData
 from tests.places import SCHEMAS
@@ -137,7 +137,7 @@ def test_parameter_table_fits_80_columns():
     text = show(tables.print_estimate, estimate_file(ESTIMATE))
     assert "\x1b" not in text and "…" not in text
     assert max(map(len, text.splitlines())) <= 80
-    rows = {line.split()[0]: line.split() for line in text.splitlines() if line.strip()}
+    rows = {line.split()[0]: line.split() for line in reversed(text.splitlines()) if line.strip()}
     assert rows["motor.inertia"] == [
         "motor.inertia", "0.5871", "kg", "m^2", "0.0012", "0.20", "0.6", "fitted"]
     assert rows["shaft.stiffness"][1:5] == ["3310", "Nm/rad", "120", "3.7"]
@@ -180,7 +180,7 @@ def test_figures_that_a_constant_torque_leaves_out_are_dashes(tmp_path):
     (2.0, 0.0, ("2", "0")), (None, None, ("-", "-")), (-15.14, 0.2, ("-15.14", "0.20")),
 ])
 def test_value_and_std_end_at_the_same_digit(value, std, expected):
-    assert tables.rounded(value, std) == expected
+    assert rounded(value, std) == expected
 
 
 def test_show_reads_both_kinds(tmp_path):
@@ -325,10 +325,3 @@ def test_no_line_is_drawn_over_a_gap(size):
     assert x[0] == time[0] and abs(x[gap[0] - 1] - time[size // 3 - 1]) < 0.2 and np.all(np.diff(x) >= 0.0)
     whole, curve = thinning.decimated(np.geomspace(1.0, 1e3, 400), np.ones(400))
     assert len(whole) == 400 and np.all(np.isfinite(curve))
-
-
-def test_a_table_labels_files_by_unique_names():
-    assert tables.short_labels(["day/a.parquet", "b.mcap", "day/a.parquet"]) == {
-        "day/a.parquet": "a", "b.mcap": "b"}
-    assert tables.short_labels(["x/a.parquet", "y/a.parquet", "c.yaml"]) == {
-        "x/a.parquet": "x/a.parquet", "y/a.parquet": "y/a.parquet", "c.yaml": "c"}

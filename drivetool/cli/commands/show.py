@@ -7,27 +7,46 @@ from typing import Annotated
 import typer
 
 from drivetool.cli.options import common as cli
-from drivetool.cli.output import DONE, guarded, print_findings, print_table
+from drivetool.cli.output import DONE, guarded, print_findings, print_table, table_console
+from drivetool.errors import BadOption
 
-HELP = "The table of a file that another step wrote."
-EXAMPLE = "drivetool show greybox.yaml"
+HELP = "The table of a file that another step wrote, or of two parameter files side by side."
+EXAMPLE = "drivetool show greybox.yaml backlash.yaml"
 
 
 def command(
     file: Annotated[str, typer.Argument(
         metavar="FILE", help="Of parameters (by hand, too), a validation, gains, spectra, a comparison, trends or "
         "an inspection; - is standard input.")],
+    other: Annotated[str | None, typer.Argument(
+        metavar="[FILE2]", help="A second parameter file. Each row has both values and their difference.")] = None,
     debug: cli.Debug = False,
 ) -> None:
     """See HELP."""
-    guarded("show", lambda: run(file), debug)
+    guarded("show", lambda: run(file, other), debug)
 
 
-def run(path: str) -> int:
+def run(path: str, other: str | None = None) -> int:
     """Read, print; the exit code."""
     from drivetool.files.yaml import load_result
 
+    if other is not None:
+        return _compare((path, other))
     content = load_result(path)
     print_table(content)
     print_findings(content, stderr=False)
+    return DONE
+
+
+def _compare(paths: tuple[str, str]) -> int:
+    """Two parameter files in one table; the exit code."""
+    from drivetool.files.tables import print_both
+    from drivetool.files.yaml import load_result
+
+    files = [load_result(path) for path in paths]
+    for path, file in zip(paths, files, strict=True):
+        if not hasattr(file, "parameters"):
+            raise BadOption("two parameter files, to show side by side", f"{file.schema} in {path}",
+                            "Show such a file by itself.")
+    print_both(files, paths, table_console())
     return DONE

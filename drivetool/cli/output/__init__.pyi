@@ -5,6 +5,7 @@ from .delivery import (
     print_findings as print_findings,
     print_table as print_table,
     show_entries as show_entries,
+    table_console as table_console,
 )
 from .exit_codes import (
     DONE as DONE,

@@ -54,16 +54,21 @@ def deliver(job: Job, file: Written, plots: Sequence[PlotData], per_unit: bool =
     return exit_code((finding.severity for finding in file.findings), passed, job.strict)
 
 
-def print_table(file: Written, per_unit: bool = False) -> None:
-    """The table of a file on standard output."""
+def table_console() -> Console:
+    """Standard output, at least as wide as tables are laid out for; a pipe or a file has no width to keep to."""
     from rich.console import Console
 
-    from drivetool.files.tables import result_tables as tables
-
     console = Console(highlight=False)
-    # Narrower, and numbers would be cut; a pipe or a file has no width to keep to.
     unlimited = not console.is_terminal and "COLUMNS" not in os.environ
     console.width = PIPE_TABLE_WIDTH if unlimited else max(80, console.width)
+    return console
+
+
+def print_table(file: Written, per_unit: bool = False) -> None:
+    """The table of a file on standard output."""
+    from drivetool.files.tables import result_tables as tables
+
+    console = table_console()
     if hasattr(file, "channels"):
         from drivetool.files.tables import print_inspection
 
@@ -147,11 +152,7 @@ def show_entries(title: str, entries: Sequence[Mapping[str, Any]], every: bool, 
         content = {title: entries} if every else entries[0]
         write_stdout(to_json(content) if json else to_yaml(content))
         return
-    from rich.console import Console
-
-    console = Console(highlight=False)
-    console.width = max(80, console.width)
     if every:
-        print_all(entries, console)
+        print_all(entries, table_console())
     else:
-        print_one(entries[0], console)
+        print_one(entries[0], table_console())

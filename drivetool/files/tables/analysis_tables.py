@@ -2,13 +2,11 @@
 
 from __future__ import annotations
 
-from rich.box import SIMPLE_HEAD
 from rich.console import Console
-from rich.table import Table
-from rich.text import Text
 
 from drivetool.files.shapes import ComparisonFile, SpectraFile
-from drivetool.files.tables.result_tables import rounded, short, short_labels
+from drivetool.files.tables.number_format import rounded, short
+from drivetool.files.tables.table import Column, Row, Table, lines, numbers, short_labels
 from drivetool.identify.several import SwapLineSection, SwapSection
 
 
@@ -18,104 +16,75 @@ def print_analysis(file: SpectraFile | ComparisonFile, console: Console) -> None
         _print_spectra(file, console)
     elif isinstance(file.swap, SwapSection):
         _print_swap_comparison(file.swap, console)
-        if not file.findings:  # which have the same sentence
-            console.print(Text(f"  {file.outcome}"))
+        console.print(lines([] if file.findings else [file.outcome]))  # findings have the same sentence
     else:
         _print_comparison(file, console)
 
 
-def _plain_table(*columns: str, title: str = "") -> Table:
-    """The first column to the left, numbers to the right."""
-    table = Table(box=SIMPLE_HEAD, pad_edge=False, padding=0, show_edge=False, title_justify="left",
-                  title=Text(title) if title else None)
-    for i, name in enumerate(columns):
-        table.add_column(name, justify="right" if i else "left", overflow="fold")
-    return table
-
-
 def _print_spectra(file: SpectraFile, console: Console) -> None:
-    table = _plain_table("peak", "Hz", "+- bin width/2", f"magnitude {file.unit}", "prominence dB",
-                   title=f"{file.output} over {file.input}")
-    for p in file.peaks:
-        table.add_row(p.kind, short(p.hz, 5), short(p.resolution_hz / 2, 3), short(p.magnitude),
-                      short(p.prominence_db, 3))
-    console.print(table)
-    for d in file.distortion:
-        level = ("not above the noise" if d.below_signal_db is None
-                 else f"{d.below_signal_db:.0f} dB below the signal")
-        console.print(Text(f"  {d.kind} distortion: {level} ({d.lines} lines)"))
+    rows = [Row((p.kind, short(p.hz, 5), short(p.resolution_hz / 2, 3), short(p.magnitude),
+                 short(p.prominence_db, 3))) for p in file.peaks]
+    heads = ("Hz", "+- bin width/2", f"magnitude {file.unit}", "prominence dB")
+    console.print(Table([Column("peak"), *numbers(*heads)], rows, f"{file.output} over {file.input}"))
+    levels = [(d, "not above the noise" if d.below_signal_db is None
+               else f"{d.below_signal_db:.0f} dB below the signal") for d in file.distortion]
     c = file.coherence
-    console.print(Text(f"  coherence: median {short(c['median'], 3)}, minimum {short(c['least'], 3)}"))
-    for name, value in file.uncertainty.items():
-        if value is not None:
-            console.print(Text(f"  std over magnitude, {name.replace('_', ' ')}: {100 * value:.2g} % (median)"))
-    console.print(Text(f"  {file.outcome}"))
+    console.print(lines([
+        *(f"{d.kind} distortion: {level} ({d.lines} lines)" for d, level in levels),
+        f"coherence: median {short(c['median'], 3)}, minimum {short(c['least'], 3)}",
+        *(f"std over magnitude, {name.replace('_', ' ')}: {100 * value:.2g} % (median)"
+          for name, value in file.uncertainty.items() if value is not None), file.outcome]))
 
 
 def _print_comparison(file: ComparisonFile, console: Console) -> None:
     short_names = short_labels(name for c in file.cross for name in (c.fitted_on, c.checked_on))
     for structure in dict.fromkeys(c.structure for c in file.cross):
-        columns = list(dict.fromkeys(c.checked_on for c in file.cross if c.structure == structure))
-        table = _plain_table("fitted on", *(short_names[name] for name in columns),
-                       title=f"{structure}: simulation fit %, checked on")
-        fits = {(c.fitted_on, c.checked_on): c for c in file.cross if c.structure == structure}
-        for row in dict.fromkeys(a for a, _ in fits):
-            cells = [fits.get((row, name)) for name in columns]
-            table.add_row(short_names[row], *("unstable" if c and c.simulation_fit_percent is None else
-                                         short(c.simulation_fit_percent, 3) if c else "-" for c in cells))
-        console.print(table)
+        names = list(dict.fromkeys(c.checked_on for c in file.cross if c.structure == structure))
+        fits = {(c.fitted_on, c.checked_on): "unstable" if c.simulation_fit_percent is None
+                else short(c.simulation_fit_percent, 3) for c in file.cross if c.structure == structure}
+        rows = [Row((short_names[row], *(fits.get((row, name), "-") for name in names)))
+                for row in dict.fromkeys(a for a, _ in fits)]
+        console.print(Table([Column("fitted on"), *numbers(*(short_names[name] for name in names))], rows,
+                            f"{structure}: simulation fit %, checked on"))
     if file.spread:
-        table = _plain_table("figure", "structure", "mean", "std", "unit", title="mean and std over recordings")
-        for s in file.spread:
-            mean, std = rounded(s.mean, s.std)
-            table.add_row(s.name, s.structure, mean, std, s.unit)
-        console.print(table)
-    if any(d.differs for d in file.differences):
-        table = _plain_table("differs", "structure", "from", "to", "change", "+-", "unit", "p",
-                       title=f"differences {_compared_with(file)}")
-        for d in (d for d in file.differences if d.differs):
-            change, std = rounded(d.change, d.std)
-            table.add_row(d.name, d.structure, short_names.get(d.first, d.first),
-                          short_names.get(d.second, d.second),
-                          change, std, d.unit, short(d.p, 2))
-        console.print(table)
+        console.print(Table(
+            [Column("figure", least=24), Column("structure"), *numbers("mean", "std"), Column("unit", fold=False)],
+            [Row((s.name, s.structure, *rounded(s.mean, s.std), s.unit)) for s in file.spread],
+            "mean and std over recordings", 2))
+    compared = "between machines beyond the scatter of their recordings" if file.options.get("machines") else (
+        "between records beyond their noise")
+    if differing := [d for d in file.differences if d.differs]:
+        console.print(Table(
+            [Column("differs"), Column("structure"), Column("from"), Column("to"), *numbers("change", "+-"),
+             Column("unit", fold=False), *numbers("p")],
+            [Row((d.name, d.structure, short_names.get(d.first, d.first), short_names.get(d.second, d.second),
+                  *rounded(d.change, d.std), d.unit, short(d.p, 2))) for d in differing],
+            f"differences {compared}", 4))
     elif file.differences:
-        console.print(Text(f"  no differences {_compared_with(file)}", style="dim"))
+        console.print(lines([f"no differences {compared}"], "dim"))
     if file.differences and not file.options.get("machines"):
-        console.print(Text(
-            "  One record per machine does not separate differences between machines from differences between "
-            "days, see --machine.", style="dim"))
-    console.print(Text(f"  {file.outcome}"))
-
-
-def _compared_with(file: ComparisonFile) -> str:
-    """The compared records or machines, and the scatter that a difference must exceed."""
-    if file.options.get("machines"):
-        return "between machines beyond the scatter of their recordings"
-    return "between records beyond their noise"
+        console.print(lines(["One record per machine does not separate differences between machines from "
+                             "differences between days, see --machine."], "dim"))
+    console.print(lines([file.outcome]))
 
 
 def _print_swap_comparison(found: SwapSection, console: Console) -> None:
     """Two rows per figure; the second one has the name of the second file, where that is another."""
-    lines = [*found.lines, *found.derived]
-    compared = [line for line in lines if line.difference is not None]
-    table = _plain_table("parameter", "value", "+- (std)", "unit", "difference", "+- (std)", "diff/std",
-                   title=f"first row {found.first}, second row {found.second} (own names)")
-    for line in compared:
-        style = "dim" if line.ratio is None else "yellow" if line.differs else ""
-        for row in _swap_rows(line):
-            table.add_row(*map(Text, row), style=style)
-    if compared:
-        console.print(table)
-    for reason in dict.fromkeys(line.reason for line in lines if line.reason):
-        names = ", ".join(line.first or line.second for line in lines if line.reason == reason)
-        console.print(Text(f"  {names}: {reason}", style="dim"))
+    figures = [*found.lines, *found.derived]
+    rows = [row for line in figures if line.difference is not None for row in _swap_rows(line)]
+    columns = [Column("parameter", least=24), *numbers("value", "+- (std)"), Column("unit", fold=False),
+               *numbers("difference", "+- (std)", "diff/std")]
+    if rows:
+        console.print(Table(columns, rows, f"first row {found.first}, second row {found.second} (own names)"))
+    for reason in dict.fromkeys(line.reason for line in figures if line.reason):
+        names = ", ".join(line.first or line.second for line in figures if line.reason == reason)
+        console.print(lines([f"{names}: {reason}"], "dim"))
 
 
-def _swap_rows(line: SwapLineSection) -> list[tuple[str, ...]]:
+def _swap_rows(line: SwapLineSection) -> list[Row]:
     """First value; second value with the difference."""
     (one, one_std), (two, two_std) = map(rounded, line.values, line.stds)
-    change, std = rounded(line.difference, line.std)
+    style = "dim" if line.ratio is None else "yellow" if line.differs else ""
     other = f"  {line.second}" if line.second != line.first else ""
-    return [(line.first, one, one_std, line.unit, "", "", ""),
-            (other, two, two_std, "", change, std, short(line.ratio, 2))]
+    return [Row((line.first, one, one_std, line.unit, "", "", ""), style),
+            Row((other, two, two_std, "", *rounded(line.difference, line.std), short(line.ratio, 2)), style)]

@@ -6,14 +6,12 @@ import math
 from collections.abc import Mapping, Sequence
 from typing import Any
 
-from rich.box import SIMPLE_HEAD
 from rich.console import Console
-from rich.table import Table
-from rich.text import Text
 
 from drivetool.check.causes import CAUSES
 from drivetool.drive.effects import EFFECTS, Effect
 from drivetool.errors import BadOption, nearest
+from drivetool.files.tables.table import Column, Row, Table, lines, pairs
 
 Entry = Mapping[str, Any]
 _OWNERS = {"body": "every body", "shaft": "every shaft", "motor": "the motor", "path": "the torque path",
@@ -40,36 +38,23 @@ def catalogue(code: str | None = None) -> list[dict[str, Any]]:
 
 def print_catalogue(entries: Sequence[Entry], console: Console) -> None:
     """One row per effect."""
-    table = Table(box=SIMPLE_HEAD, pad_edge=False, padding=0, show_edge=False)
-    for title in ("effect", "of", "law", "a record must contain", "diagnosed as"):
-        table.add_column(title, overflow="fold", no_wrap=title == "effect")
-    for entry in entries:
-        table.add_row(*(Text(entry[key] or "-") for key in ("code", "of", "law", "needs")),
-                      Text(", ".join(entry["diagnosed_as"]) or "-"))
-    console.print(table)
-    console.print(Text("  drivetool effects CODE describes one of them.", style="dim"))
+    columns = [Column("effect", least=24), *map(Column, ("of", "law", "a record must contain", "diagnosed as"))]
+    console.print(Table(columns, [Row((each["code"], each["of"], each["law"] or "-", each["needs"] or "-",
+                                       ", ".join(each["diagnosed_as"]) or "-")) for each in entries]))
+    console.print(lines(["drivetool effects CODE describes one of them."], "dim"))
 
 
 def print_entry(entry: Entry, console: Console) -> None:
     """One effect in full."""
-    rows = [("effect", entry["code"]), ("of", entry["of"]), ("law", entry["law"]), ("needs", entry["needs"]),
-            ("source", entry["source"])]
-    rows += [("found as", f"{code}: {words}") for code, words in entry["diagnosed_as"].items()]
-    lines = Table(box=None, show_header=False, pad_edge=False, padding=(0, 2, 0, 0))
-    for key, value in rows:
-        if value:
-            lines.add_row(Text(key, style="bold"), Text(value))
-    console.print(lines)
-    if not entry["parameters"]:
-        return
-    table = Table(box=SIMPLE_HEAD, pad_edge=False, padding=0, show_edge=False)
-    for title in ("parameter", "unit", "bounds", "absent at", "meaning"):
-        table.add_column(title, overflow="fold")
-    for name, q in entry["parameters"].items():
-        bounds = " to ".join("-" if b is None else f"{b:g}" for b in q["bounds"])
-        neutral = "never" if q["neutral"] is None else str(q["neutral"])
-        table.add_row(*map(Text, (name, q["unit"] or "-", bounds, neutral, q["meaning"])))
-    console.print(table)
+    shown = [(key, entry[key]) for key in ("code", "of", "law", "needs", "source") if entry[key]]
+    shown += [("found as", f"{code}: {words}") for code, words in entry["diagnosed_as"].items()]
+    console.print(pairs((key.replace("code", "effect"), text) for key, text in shown))
+    rows = [Row((name, q["unit"] or "-", " to ".join("-" if b is None else f"{b:g}" for b in q["bounds"]),
+                 "never" if q["neutral"] is None else str(q["neutral"]), q["meaning"]))
+            for name, q in entry["parameters"].items()]
+    if rows:
+        columns = [Column(title, fold=False) for title in ("unit", "bounds", "absent at")]
+        console.print(Table([Column("parameter", least=24), *columns, Column("meaning")], rows))
 
 
 def _effect_entry(effect: Effect) -> dict[str, Any]:

@@ -5,12 +5,10 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from typing import Any
 
-from rich.box import SIMPLE_HEAD
 from rich.console import Console
-from rich.table import Table
-from rich.text import Text
 
 from drivetool.errors import BadOption, nearest
+from drivetool.files.tables.table import Column, Row, Table, lines, pairs
 from drivetool.finding_codes import CODES, RENAMED, STAGES
 
 
@@ -30,22 +28,15 @@ def finding_entries(code: str | None = None) -> list[dict[str, Any]]:
 
 def print_findings_list(entries: Sequence[Mapping[str, Any]], console: Console) -> None:
     """One row per code, a table per stage."""
+    columns = [Column("code", least=24), Column("severity"), Column("meaning")]
     for stage in dict.fromkeys(entry["stage"] for entry in entries):
-        table = Table(box=SIMPLE_HEAD, pad_edge=False, padding=0, show_edge=False, title=Text(stage),
-                      title_justify="left")
-        for title in ("code", "severity", "meaning"):
-            table.add_column(title, overflow="fold", no_wrap=title == "severity")
-        for entry in entries:
-            if entry["stage"] == stage:
-                table.add_row(*map(Text, (entry["code"], "/".join(entry["severities"]), entry["meaning"])))
-        console.print(table)
-    console.print(Text("  drivetool findings CODE gives the action for one of them.", style="dim"))
+        console.print(Table(columns, [Row((each["code"], "/".join(each["severities"]), each["meaning"]))
+                                      for each in entries if each["stage"] == stage], stage))
+    console.print(lines(["drivetool findings CODE gives the action for one of them."], "dim"))
 
 
 def print_finding(entry: Mapping[str, Any], console: Console) -> None:
     """One code in full."""
-    lines = Table(box=None, show_header=False, pad_edge=False, padding=(0, 2, 0, 0))
     names = {"severities": "severity", "action": "what to do"}
-    for key, value in {**entry, "severities": " or ".join(entry["severities"])}.items():
-        lines.add_row(Text(names.get(key, key), style="bold"), Text(value))
-    console.print(lines)
+    console.print(pairs((names.get(key, key), " or ".join(value) if key == "severities" else value)
+                        for key, value in entry.items()))

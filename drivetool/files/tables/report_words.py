@@ -9,7 +9,7 @@ from types import MappingProxyType
 from drivetool.check.causes import CAUSES, size_parameters
 from drivetool.check.outcome import OUTSIDE_CATALOGUE, CandidateResult, Diagnosis, Gain, Round
 from drivetool.files.shapes import CandidateSection
-from drivetool.files.tables.result_tables import rounded, short
+from drivetool.files.tables.number_format import rounded, short
 from drivetool.identify.estimate import Parameter
 
 VERDICTS = {"nothing-found": "Nothing found", "named": "Cause found", "undetermined": "Cause undetermined",

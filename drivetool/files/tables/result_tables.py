@@ -3,50 +3,50 @@
 from __future__ import annotations
 
 import math
-from collections import Counter
-from collections.abc import Callable, Iterable, Mapping, Sequence
-from pathlib import PurePath
+from collections.abc import Mapping, Sequence
+from itertools import combinations
 
 import msgspec
-from rich.box import SIMPLE_HEAD
 from rich.console import Console
-from rich.table import Table
 from rich.text import Text
 
 from drivetool.files.shapes import parameter_shapes as shapes
+from drivetool.files.tables.number_format import percent, rounded, short
+from drivetool.files.tables.table import Column, Row, Table, lines, numbers, short_labels
+from drivetool.files.yaml import escape_unprintable, units
 from drivetool.quantity import RPM_PER_RAD_S
 
 _FIT_LABELS = {"simulation_fit_percent": "simulation fit", "one_step_fit_percent": "one-step fit",
            "rmse": "rmse of the simulation", "n": "samples"}
-_SEVERITY_STYLES = {"note": "cyan", "warning": "yellow", "failure": "bold red"}
-_SEVERITY_ORDER = ("failure", "warning", "note")
+_SEVERITY_STYLES = {"failure": "bold red", "warning": "yellow", "note": "cyan"}  # the worst first
+# Parameters that were held are dimmed; those at a bound or not identifiable stand out.
+_ROW_STYLES = {"held": "dim", "at-bound": "yellow", "not-identifiable": "yellow"}
+# Correlations that are stated: from this size on the two values are hardly known apart; and how many at most.
+LARGE_CORRELATION, MAX_CORRELATIONS = 0.9, 10
 
 
 def print_estimate(file: shapes.ParameterFile, console: Console) -> None:
-    """Parameters, why some have no +-, and the fit figures.
+    """Parameters, the correlated ones, why some have no +-, and the fit figures.
 
     file     its parameters as sections, not bare numbers
     console  where to; colours only on a terminal
     """
-    console.print(parameter_table(file.parameters))
-    if interval_scope := _interval_scope(file):
-        console.print(Text(f"  {interval_scope}", style="dim"))
+    correlations = _correlation_lines(file.covariance)
+    console.print(_parameter_table(file.parameters), lines(filter(None, [_interval_scope(file)]), "dim"),
+                  lines(correlations, "yellow"))
     reasons = {name: entry.reason for name, entry in file.parameters.items()
             if entry.reason not in ("", shapes.IF_COMPLETE) and entry.status != "held"}
-    for name, reason in reasons.items():
-        console.print(Text(f"  {name}: {reason}", style="dim"))
+    console.print(lines((f"{name}: {reason}" for name, reason in reasons.items()), "dim"))
     if any(entry.reason == shapes.IF_COMPLETE for entry in file.parameters.values()):
-        console.print(Text(f"  {shapes.IF_COMPLETE}", style="yellow"))
-    if reasons:
+        console.print(lines([shapes.IF_COMPLETE], "yellow"))
+    if reasons or correlations:
         console.print()
     if file.derived is not msgspec.UNSET:
-        console.print(derived_table(file.derived))
-        console.print()
-    for line in fit_lines(file.fit):
-        console.print(Text(f"  {line}"))
+        console.print(_derived_table(file.derived), "")
+    console.print(lines(_fit_lines(file.fit)))
     if file.starts is not None and file.starts.tried > 1:
         count = file.starts.agreed or "none"
-        console.print(Text(f"  {count} of {file.starts.tried} starts converged to these values"))
+        console.print(lines([f"{count} of {file.starts.tried} starts converged to these values"]))
 
 
 def _interval_scope(file: shapes.ParameterFile) -> str:
@@ -60,229 +60,143 @@ def _interval_scope(file: shapes.ParameterFile) -> str:
     return f"+- within these {len(file.data)} recordings"
 
 
+def _correlation_lines(covariance: shapes.CovarianceSection | None) -> list[str]:
+    """'motor.inertia and load.inertia: -0.97', the largest first; how many were left out."""
+    if covariance is None:
+        return []
+    matrix = covariance.matrix
+    found = {(one, two): matrix[i][j] / math.sqrt(matrix[i][i] * matrix[j][j])
+             for (i, one), (j, two) in combinations(enumerate(covariance.names), 2)
+             if matrix[i][i] > 0.0 and matrix[j][j] > 0.0}
+    large = sorted(((abs(r), *pair, r) for pair, r in found.items() if abs(r) > LARGE_CORRELATION), reverse=True)
+    shown = [f"  {one} and {two}: {r:.2f}" for _, one, two, r in large[:MAX_CORRELATIONS]]
+    return [*[f"correlations above {LARGE_CORRELATION:g} in size:"][:len(large)], *shown,
+            *[f"  and {len(large) - len(shown)} others"][:len(large) - len(shown)]]
+
+
+def print_both(files: Sequence[shapes.ParameterFile], paths: Sequence[str], console: Console) -> None:
+    """Two parameter files side by side, the second one in the units of the first.
+
+    raises  BadParameters: a parameter in units of different dimensions
+    """
+    first, second = (file.parameters for file in files)
+    common = {entry.sha256 for entry in files[0].data} & {entry.sha256 for entry in files[1].data}
+    rows = [_both_row(name, first.get(name), second.get(name), not common) for name in {**first, **second}]
+    heads = [title for label in short_labels(paths).values() for title in (label, "+- (std)")]
+    console.print(Table([Column("parameter", least=24), *numbers(*heads), Column("unit", fold=False),
+                         *numbers("difference / std")], rows))
+    console.print(lines(["the files share a recording, hence a difference has no std"] if common else [], "dim"))
+
+
+def _both_row(name: str, one: shapes.ParameterSection | None, two: shapes.ParameterSection | None,
+              independent: bool) -> Row:
+    """Value and +- of both; the difference, second less first, over the joint standard deviation."""
+    missing = shapes.ParameterSection(value=None)
+    unit = (one or two or missing).unit or ""
+    (value, std), (other, other_std) = (
+        [number and units.conversion_factor(each.unit or "", unit, name) * number
+         for number in (each.value, each.std)] for each in (one or missing, two or missing))
+    joint = independent and None not in (value, std, other, other_std) and math.hypot(std, other_std)
+    ratio = (other - value) / joint if joint else None
+    return Row((name, *rounded(value, std), *rounded(other, other_std), unit, short(ratio, 2)))
+
+
 def print_validation(file: shapes.ValidationFile, console: Console) -> None:
     """One row per model and record, the cross table if there are several of both, the verdict."""
     for output in dict.fromkeys(check.output for check in file.checks):
         checks = [check for check in file.checks if check.output == output]
-        console.print(_table_for(checks[0])(checks))
-        if any(check.measured_start_rmse is not None for check in checks):
-            console.print(start_table(checks))
-        models, files = _unique_values(checks, "model"), _unique_values(checks, "file")
-        if len(models) > 1 and len(files) > 1:
-            console.print(cross_table(checks))
-    console.print(Text(f"  {file.verdict}", style="green" if file.passed else "bold red"))
+        console.print(*_validation_tables(checks))
+    console.print(lines([file.verdict], "green" if file.passed else "bold red"))
 
 
-def _table_for(check: shapes.CheckSection) -> Callable[[Sequence[shapes.CheckSection]], Table]:
-    """Which table shows checks of this kind."""
-    if check.sensor_rmse is not msgspec.UNSET:
-        return coast_down_table
-    return check_table if check.rmse_percent is None else torque_table
+def _validation_tables(checks: Sequence[shapes.CheckSection]) -> list[Table]:
+    """Of one output: the checks, their errors by start state, and every model on every record."""
+    models, files = (short_labels(getattr(check, field) for check in checks) for field in ("model", "file"))
+    rows = [(check, models[check.model], files[check.file]) for check in checks]
+    names, unit = [Column("model"), Column("record", least=14)], checks[0].unit
+    title, figures = _check_figures(checks[0], checks[0])
+    mark = {True: Text("met", "green"), False: Text("missed", "bold red")}
+    found = [Table([*names, *numbers(*figures), Column("limits", fold=False)], [
+        Row((*labels, *_check_figures(check, checks[0])[1].values(), mark[check.passed]))
+        for check, *labels in rows], title, 2)]
+    if any(check.measured_start_rmse is not None for check in checks):
+        found.append(Table([*names, *numbers("start state fitted", "start state measured")], [
+            Row((*labels, short(check.rmse), short(check.measured_start_rmse))) for check, *labels in rows],
+            f"rmse of the free runs, {unit}", 2))
+    if len(models) > 1 and len(files) > 1:
+        fits = {(check.model, check.file): check.simulation_fit_percent for check in checks}
+        found.append(Table([Column("model"), *numbers(*files.values())], [
+            Row((label, *(short(fits.get((model, name))) for name in files))) for model, label in models.items()],
+            "simulation fit %: model (row) on record (column)"))
+    return found
+
+
+def _check_figures(check: shapes.CheckSection, first: shapes.CheckSection) -> tuple[str, dict[str, str]]:
+    """Title of a table and the figures of a check by head: of a free run, a required torque or a coast-down.
+
+    first  of the checks in the table, which says of what they are
+    """
+    rmse, fit = f"rmse {first.unit}", short(check.simulation_fit_percent)
+    if first.sensor_rmse is msgspec.UNSET and first.rmse_percent is None:
+        return f"checked on {first.output}", {
+            "simulation fit %": fit, "one-step fit %": short(check.one_step_fit_percent), rmse: short(check.rmse),
+            "largest correlation": short(check.max_correlation, 2),
+            "lags outside %": "-" if check.lags_outside_percent is None else f"{check.lags_outside_percent:.0f}"}
+    if first.sensor_rmse is msgspec.UNSET:
+        return "required torque (inverse dynamics)", {
+            "torque fit %": fit, rmse: short(check.rmse), "rmse over rms %": short(check.rmse_percent)}
+    sensor, counts, mean = (None if value is msgspec.UNSET else value
+                            for value in (check.sensor_rmse, check.rmse_counts, check.nrmse_mean))
+    figures = {rmse: short(check.rmse, 3), "sensor noise": short(sensor, 3)}
+    if first.output != "motor_speed":
+        figures |= {"count /sqrt(12)": f"{counts:.3f}" if counts is not None and counts < 10.0 else short(counts),
+                    "fit %": short(check.simulation_fit_percent, 6)}
+        return f"coast-downs: {first.output}", figures
+    if first.unit == "rad/s":
+        figures["rmse rpm"] = short(check.rmse and check.rmse * RPM_PER_RAD_S, 3)
+    return f"coast-downs: {first.output}", figures | {
+        "NRMSE range %": short(check.nrmse and 100.0 * check.nrmse, 3),
+        "NRMSE mean %": short(100.0 * (mean or 0.0), 3),
+        "R2": "-" if check.r2 is None else f"{check.r2:.6f}"}
 
 
 def print_findings(findings: Sequence[shapes.FindingSection], console: Console) -> None:
     """By severity, each with what to do about it."""
-    for severity in _SEVERITY_ORDER:
-        for finding in findings:
-            if finding.severity == severity:
-                text = Text.assemble((severity, _SEVERITY_STYLES[severity]), f" {finding.code}: {finding.text}")
-                if finding.action:
-                    text.append(f" {finding.action}")
-                console.print(text, soft_wrap=not console.is_terminal)
+    for finding in sorted(findings, key=lambda finding: [*_SEVERITY_STYLES].index(finding.severity)):
+        text = escape_unprintable(" ".join(filter(None, (f" {finding.code}: {finding.text}", finding.action))))
+        console.print(Text.assemble((finding.severity, _SEVERITY_STYLES[finding.severity]), text),
+                      soft_wrap=not console.is_terminal)
 
 
-def parameter_table(parameters: Mapping[str, shapes.ParameterSection]) -> Table:
-    """Parameter, value, unit, +- (one std), %, scatter between recordings, start, status; held ones dimmed."""
-    table = Table(box=SIMPLE_HEAD, pad_edge=False, padding=0, show_edge=False)
-    table.add_column("parameter", overflow="fold", min_width=min(24, max(map(len, parameters), default=9)))
-    repeated = any(entry.repeatability is not msgspec.UNSET for entry in parameters.values())
-    for title, side in (("value", "right"), ("unit", "left"), ("+- (std)", "right"), ("%", "right"),
-                        *([("repeat", "right")] if repeated else []), ("start", "right")):
-        table.add_column(title, justify=side, no_wrap=True)
-    table.add_column("status", overflow="fold")
-    for name, entry in parameters.items():
-        value, std = rounded(entry.value, entry.std)
-        scatter = None if entry.repeatability is msgspec.UNSET else entry.repeatability
-        cells = (name, value, entry.unit or "", std, percent(entry.value, entry.std),
-                 *([short(scatter, 2)] if repeated else []), short(entry.start),
-                 entry.status.replace("not-", "not "))
-        table.add_row(*map(Text, cells), style=_row_style(entry.status))
-    return table
+def _parameter_table(parameters: Mapping[str, shapes.ParameterSection]) -> Table:
+    """Parameter, value, unit, +- (one std), %, scatter between recordings, interval, start, status."""
+    entries = parameters.values()
+    repeated = any(entry.repeatability is not msgspec.UNSET for entry in entries)
+    bounded = any(entry.ci95 for entry in entries)
+    columns = [Column("parameter", least=24), *numbers("value"), Column("unit", fold=False),
+               *numbers("+- (std)", "%"), *numbers(*["ci95"] * bounded, rank=1),
+               *numbers(*["repeat"] * repeated, "start"), Column("status")]
+    rows = [Row((
+        name, value, entry.unit or "", std, percent(entry.value, entry.std),
+        *[" .. ".join(rounded(end, entry.std)[0] for end in entry.ci95) if entry.ci95 else "-"] * bounded,
+        *[short(None if entry.repeatability is msgspec.UNSET else entry.repeatability, 2)] * repeated,
+        short(entry.start), entry.status.replace("not-", "not ")),
+        _ROW_STYLES.get(entry.status, ""))
+        for name, entry in parameters.items() for value, std in [rounded(entry.value, entry.std)]]
+    return Table(columns, rows)
 
 
-def derived_table(figures: Mapping[str, shapes.DerivedSection]) -> Table:
+def _derived_table(figures: Mapping[str, shapes.DerivedSection]) -> Table:
     """The derived figures: figure, value, unit, +- (one std), %."""
-    table = Table(box=None, pad_edge=False, padding=(0, 1, 0, 0), show_edge=False, show_header=False)
-    for side in ("left", "right", "left", "right", "right"):
-        table.add_column(justify=side)
-    for name, entry in figures.items():
-        value, std = rounded(entry.value, entry.std)
-        known = ("", "") if entry.std is None else (f"+- {std}", f"{percent(entry.value, entry.std)} %")
-        table.add_row(*map(Text, (f"  {name.replace('_', ' ')}", value, entry.unit, *known)))
-    return table
+    rows = [Row((f"  {name.replace('_', ' ')}", value, entry.unit,
+                 *(("", "") if entry.std is None else (f"+- {std}", f"{percent(entry.value, entry.std)} %"))))
+            for name, entry in figures.items() for value, std in [rounded(entry.value, entry.std)]]
+    return Table([Column(least=24), *numbers(""), Column(fold=False), *numbers("", "")], rows)
 
 
-def check_table(checks: Sequence[shapes.CheckSection]) -> Table:
-    """One row per model and record, for one output."""
-    table = Table(box=SIMPLE_HEAD, pad_edge=False, padding=0, show_edge=False,
-                  title=Text(f"checked on {checks[0].output}"), title_justify="left")
-    table.add_column("model", overflow="fold")
-    models, files = _model_and_record_labels(checks)
-    table.add_column("record", overflow="fold", min_width=min(14, max(map(len, files.values()))))
-    for title in ("simulation fit %", "one-step fit %", f"rmse {checks[0].unit}", "largest corr.",
-                  "lags out %"):
-        table.add_column(title, justify="right", min_width=max(map(len, title.split())))
-    table.add_column("limits", no_wrap=True, min_width=6)
-    for check in checks:
-        cells = (models[check.model], files[check.file], short(check.simulation_fit_percent),
-                 short(check.one_step_fit_percent), short(check.rmse), short(check.max_correlation, 2),
-                 "-" if check.lags_outside_percent is None else f"{check.lags_outside_percent:.0f}")
-        mark = Text("met", "green") if check.passed else Text("missed", "bold red")
-        table.add_row(*map(Text, cells), mark)
-    return table
-
-
-def torque_table(checks: Sequence[shapes.CheckSection]) -> Table:
-    """The same for the required torque, which has neither one-step predictions nor a start state."""
-    table = Table(box=SIMPLE_HEAD, pad_edge=False, padding=0, show_edge=False,
-                  title=Text("required torque (inverse dynamics)"), title_justify="left")
-    for title in ("model", "record"):
-        table.add_column(title, overflow="fold")
-    for title in ("torque fit %", f"rmse {checks[0].unit}", "rmse over rms %"):
-        table.add_column(title, justify="right", min_width=len(title))
-    table.add_column("limits", no_wrap=True, min_width=6)
-    models, files = _model_and_record_labels(checks)
-    for check in checks:
-        cells = (models[check.model], files[check.file], short(check.simulation_fit_percent), short(check.rmse),
-                 short(check.rmse_percent))
-        table.add_row(*map(Text, cells), Text("met", "green") if check.passed else Text("missed", "bold red"))
-    return table
-
-
-def coast_down_table(checks: Sequence[shapes.CheckSection]) -> Table:
-    """The angle of coast-downs in counts, or their speed over its range and over its mean."""
-    first, speeds = checks[0], checks[0].output == "motor_speed"
-    table = Table(box=SIMPLE_HEAD, pad_edge=False, padding=0, show_edge=False,
-                  title=Text(f"coast-downs: {first.output}"), title_justify="left")
-    for title in ("model", "record"):
-        table.add_column(title, overflow="fold")
-    turns = speeds and first.unit == "rad/s"
-    titles = ["rmse rpm"] * turns + ["NRMSE range %", "NRMSE mean %", "R2"] if speeds else [
-        "count /sqrt(12)", "fit %"]
-    for title in (f"rmse {first.unit}", "sensor noise", *titles):
-        table.add_column(title, justify="right", min_width=max(map(len, title.split())))
-    table.add_column("limits", no_wrap=True, min_width=6)
-    models, files = _model_and_record_labels(checks)
-    for c in checks:
-        figures = [short(c.rmse, 3), short(_or_none(c.sensor_rmse), 3)]
-        if speeds:
-            figures += [short(c.rmse and c.rmse * RPM_PER_RAD_S, 3)] * turns
-            figures += [short(c.nrmse and 100.0 * c.nrmse, 3), short(100.0 * (_or_none(c.nrmse_mean) or 0.0), 3),
-                        "-" if c.r2 is None else f"{c.r2:.6f}"]
-        else:
-            counts = _or_none(c.rmse_counts)
-            figures += [f"{counts:.3f}" if counts is not None and counts < 10.0 else short(counts),
-                        short(c.simulation_fit_percent, 6)]
-        table.add_row(*map(Text, (models[c.model], files[c.file], *figures)),
-                      Text("met", "green") if c.passed else Text("missed", "bold red"))
-    return table
-
-
-def _or_none(value: float | msgspec.UnsetType) -> float | None:
-    return None if value is msgspec.UNSET else value
-
-
-def start_table(checks: Sequence[shapes.CheckSection]) -> Table:
-    """Error of the free runs by their start state, one row per model and record, for one output."""
-    table = Table(box=SIMPLE_HEAD, pad_edge=False, padding=0, show_edge=False,
-                  title=Text(f"rmse of the free runs, {checks[0].unit}"), title_justify="left")
-    for title in ("model", "record"):
-        table.add_column(title, overflow="fold")
-    for title in ("start state fitted", "start state measured"):
-        table.add_column(title, justify="right", min_width=len(title))
-    models, files = _model_and_record_labels(checks)
-    for check in checks:
-        cells = (models[check.model], files[check.file], short(check.rmse), short(check.measured_start_rmse))
-        table.add_row(*map(Text, cells))
-    return table
-
-
-def cross_table(checks: Sequence[shapes.CheckSection]) -> Table:
-    """Simulation fit in % of every model (row) on every record (column)."""
-    table = Table(box=SIMPLE_HEAD, pad_edge=False, padding=0, show_edge=False,
-                  title=Text("simulation fit %: model (row) on record (column)"),
-                  title_justify="left")
-    table.add_column("model", overflow="fold")
-    models, files = _model_and_record_labels(checks)
-    for label in files.values():
-        table.add_column(Text(label), justify="right", overflow="fold", min_width=6)
-    fits = {(check.model, check.file): check.simulation_fit_percent for check in checks}
-    for model, label in models.items():
-        table.add_row(Text(label), *(Text(short(fits.get((model, name)))) for name in files))
-    return table
-
-
-def fit_lines(fit: Mapping[str, float | int | str | None]) -> list[str]:
+def _fit_lines(fit: Mapping[str, float | int | str | None]) -> list[str]:
     """The fit figures, simulation and one-step named as such."""
     labels = {key: _FIT_LABELS.get(key, key.removesuffix("_percent").replace("_", " ")) for key in fit}
     width = max((len(label) for label in labels.values()), default=0) + 2
-    lines = []
-    for key, value in fit.items():
-        text = value if isinstance(value, str) else short(value, 6)
-        lines.append(f"{labels[key]:<{width}}{text}"
-                     f"{' %' if key.endswith('_percent') and value is not None else ''}")
-    return lines
-
-
-def rounded(value: float | None, std: float | None) -> tuple[str, str]:
-    """Value and +- to the same digit: two significant ones of the std.
-
-    value, std  None where there is none
-    returns     ('0.5871', '0.0012'); '-' where there is none
-    """
-    if value is None:
-        return "-", "-" if std is None else f"{std:.1e}"
-    if not std:
-        return short(value, 5), "-" if std is None else "0"
-    last = int(f"{std:.1e}".partition("e")[2]) - 1  # power of ten of the last digit shown
-    if -6 <= last <= 3 and abs(value) < 1e7:
-        return f"{round(value, -last):.{max(0, -last)}f}", f"{round(std, -last):.{max(0, -last)}f}"
-    first = math.floor(math.log10(abs(value))) if value else last + 1
-    return f"{value:.{max(0, first - last)}e}", f"{std:.1e}"
-
-
-def percent(value: float | None, std: float | None) -> str:
-    """The std in % of the value."""
-    if not value or std is None:
-        return "-"
-    share = 100 * std / abs(value)
-    return f"{share:.0f}" if 10 <= share < 1e4 else f"{share:#.2g}"
-
-
-def short(value: float | int | None, digits: int = 4) -> str:
-    """A number in a few digits; '-' where there is none."""
-    if value is None:
-        return "-"
-    return str(value) if isinstance(value, int) else f"{value:.{digits}g}"
-
-
-def _row_style(status: str) -> str:
-    """Parameters that were held are dimmed; those at a bound or not identifiable stand out."""
-    return {"held": "dim", "at-bound": "yellow", "not-identifiable": "yellow"}.get(status, "")
-
-
-def _unique_values(checks: Iterable[shapes.CheckSection], field: str) -> list[str]:
-    """Models or files, each once, in the order given."""
-    return list(dict.fromkeys(getattr(check, field) for check in checks))
-
-
-def _model_and_record_labels(checks: Sequence[shapes.CheckSection]) -> tuple[dict[str, str], dict[str, str]]:
-    """The labels of the models, and of the recordings."""
-    return short_labels(check.model for check in checks), short_labels(check.file for check in checks)
-
-
-def short_labels(names: Iterable[str]) -> dict[str, str]:
-    """Name -> label of a file in a table: without folder and suffix, which cost width, where that is unique."""
-    stems = {name: PurePath(name).stem for name in dict.fromkeys(names)}
-    many = Counter(stems.values())
-    return {name: stem if many[stem] == 1 else name for name, stem in stems.items()}
+    return [f"{labels[key]:<{width}}{value if isinstance(value, str) else short(value, 6)}"
+            f"{' %' if key.endswith('_percent') and value is not None else ''}" for key, value in fit.items()]
