@@ -8,5 +8,5 @@ from .finding_table import (
 )
 from .gains_table import print_gains as print_gains
 from .inspection_table import print_inspection as print_inspection
-from .result_tables import rounded as rounded, short as short
+from .result_tables import short as short
 from .trends_table import print_trends as print_trends
