@@ -38,6 +38,9 @@ def try_out(package: Path, folder: Path) -> None:
     licence = run(environment / "bin" / "python", "-c", told, folder=folder)
     if licence.strip() != (ROOT / "LICENSE").read_text().strip():
         sys.exit(f"{package.name} installs without its licence")
+    page = "from drivetool.site.verdicts import index_page; print(index_page([], [], {}))"
+    if "All 0 checks passed" not in run(environment / "bin" / "python", "-c", page, folder=folder):
+        sys.exit(f"{package.name} makes no page")
     run(tool, "inspect", log, folder=folder)
     run(tool, "steady", log, "--out", "steady.yaml", folder=folder)
     shown = run(tool, "show", "steady.yaml", folder=folder)

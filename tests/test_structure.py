@@ -25,11 +25,11 @@ FENCED = {"logs": {"mcap", "pyarrow", "lz4", "zstandard"}, "tune": {"control", "
           "drive": {"llvmlite", "numba"},
           "site": {"dask", "matplotlib"},  # the second for the types of a picture that files draws
           "cli": {"typer", "rich"},
-          "files": {"yaml", "rich", "matplotlib", "pyarrow"}}
+          "files": {"jinja2", "yaml", "rich", "matplotlib", "pyarrow"}}
 CROWDED = 15  # modules side by side are what a reader takes in
 CATALOGUES = ("drivetool.drive.effects", "drivetool.check.causes", "drivetool.cli.commands")
 # What may be imported inside a function: these, and modules that load one of them.
-HEAVY = {"scipy", "numba", "llvmlite", "matplotlib", "pyarrow", "rich", "control", "dask"}
+HEAVY = {"scipy", "numba", "llvmlite", "matplotlib", "pyarrow", "rich", "control", "dask", "jinja2"}
 # And there what `drivetool --help` (test_boundary) and a Parquet log (test_mcap) must not wait for.
 LATER = {"drivetool.cli": {"numpy", "yaml", "msgspec"}, "drivetool.logs.formats.read": {"mcap"}}
 # Modules are loaded by a name that is computed in these files alone; none loads what imports it.

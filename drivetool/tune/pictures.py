@@ -103,15 +103,16 @@ def pictures(gains: Gains, draws: Draws | None) -> tuple[object, ...]:
         own_plant = plant(gains.drive, design.wiring)
         found += planes(gains, design, loop, own_plant, prefix, heading)
         found.append(frequencies(
-            "nichols", prefix, f"{heading}Nichols chart: the loop and its published variations", gains, design))
+            "nichols", prefix, f"{heading}Nichols chart: nominal loop and varied parameters", gains, design))
         found.append(frequencies(
-            "sensitivity", prefix, f"{heading}Sensitivity: what the loop makes of a disturbance", gains, design))
+            "sensitivity", prefix, f"{heading}Sensitivity function", gains, design))
         if design.spread:
             found.append(_spread_picture(gains, design, prefix, heading))
         if design.watches:
-            found.append(LimitCyclePlotData(f"{prefix}hunting", f"{heading}The loop around the whole drive, kicked",
-                                 design.watches, f"{gains.drive.motion_unit}/s", gains.drive.torque_unit,
-                                 gains.drive.value(name_of(gains.drive.shafts[-1], "half_gap")) or 0.0))
+            found.append(LimitCyclePlotData(
+                f"{prefix}hunting", f"{heading}Response of the nonlinear loop to an impact", design.watches,
+                f"{gains.drive.motion_unit}/s", gains.drive.torque_unit,
+                gains.drive.value(name_of(gains.drive.shafts[-1], "half_gap")) or 0.0))
     found.insert(0, load_step(gains, draws))
     return tuple(found)
 
@@ -204,7 +205,7 @@ def _spread_picture(gains: Gains, design: Design, prefix: str, heading: str) -> 
                "overshoot": design.factors.load.overshoot}
     units = {"max_sensitivity": "Ms", "overshoot": "overshoot of the load speed [%]",
              "impact_drop": f"impact drop of the load speed [{gains.drive.motion_unit}/{gains.drive.torque_unit}]"}
-    return SpreadPicture(f"{prefix}spread", f"{heading}The same settings on the drives that the uncertainty allows",
+    return SpreadPicture(f"{prefix}spread", f"{heading}Performance over draws of the parameter covariance",
                          design.spread, nominal, units, gains.options.limits.sensitivity)
 
 

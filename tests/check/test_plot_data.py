@@ -12,7 +12,7 @@ from drivetool.check.verdict.reversals import reversals_of
 from drivetool.check.verdict.view import view_of
 from drivetool.drive import two_mass
 from drivetool.files.figures import plots, svg
-from drivetool.files.figures.report_figures import kinds
+from drivetool.files.figures.report_figures import PANELS
 from drivetool.logs import Experiment
 from tests.diagnosed import FITTED, STEP, views
 
@@ -32,7 +32,7 @@ def test_all_kinds_are_made_and_drawn_with_the_same_bytes():
         "diagnosis-record", "diagnosis-record", "diagnosis-residual-time", "diagnosis-residual-time",
         "diagnosis-residual-speed", "diagnosis-residual-torque", "diagnosis-residual-order",
         "diagnosis-residual-reversal", "diagnosis-residual-reversal", "diagnosis-candidates"]
-    assert {e.kind for e in found} | {"diagnosis-order-map"} == set(kinds())  # of the base: test_order_map.py
+    assert {e.kind for e in found} | {"diagnosis-order-map"} == set(PANELS)  # of the base: test_order_map.py
     for exhibit in by_kind(found).values():
         first = svg(exhibit)
         assert first == svg(exhibit) and first.startswith("<svg") and first.endswith("</svg>")

@@ -13,7 +13,7 @@ import yaml
 from mcap.writer import CompressionType
 
 from drivetool.cli import command_line
-from drivetool.files.figures.inspect_picture import panels
+from drivetool.files.figures.plot_kinds import figure
 from drivetool.files.results import channel_plot
 from drivetool.files.shapes.schema import schemas
 from drivetool.logs.door import inspect_log, open_experiment
@@ -92,9 +92,9 @@ def test_the_picture_shows_short_stretches_and_values_that_hardly_differ(tmp_pat
     time = np.arange(600) * 1e-3 + 1e4 * np.repeat(np.arange(6), 100)
     pq.write_table(pa.table({"time": time, "n": np.full(600, 3.0), "stamp": 1.7e9 + np.arange(600) % 4}),
                    tmp_path / "a.parquet")
-    first, second = panels(channel_plot(inspect_log(tmp_path / "a.parquet"))).axes
+    first, second = figure(channel_plot(inspect_log(tmp_path / "a.parquet"))).axes
     assert len(first.lines) == 6 and {line.get_marker() for line in first.lines} == {"."}
-    assert second.texts[0].get_text() == "stamp [?], less 1700000000"
+    assert second.get_title(loc="left") + second.get_title() == "stamp [?], less 1700000000"
     assert np.ptp(second.get_ylim()) < 10 and second.get_ylim()[1] < 10
 
 

@@ -272,7 +272,6 @@ EXHIBITS = [
     PlotData("correlation", "Residual", "lag", "", {
         "correlation": (FIVE, FIVE), "band": (FIVE, FIVE), "limit": (FIVE, FIVE)}),
     PlotData("profile", "Gap", "half gap [rad]", "loss", {"profile": (FIVE, FIVE), "95 % level": (FIVE, FIVE)}),
-    PlotData("starts", "Starts", "start", "loss", {"loss": (FIVE, FIVE)}),
     PlotData("bode", "Response", "Hz", "", {"measured": (FIVE - 1, FIVE), "model": (FIVE, FIVE)}),
     PlotData("something-new", "New", "x", "y", {str(i): (FIVE, FIVE) for i in range(9)}),
     PlotData("record", "Empty", "x", "y", {}),
@@ -290,7 +289,7 @@ def test_every_kind_is_drawn_with_the_same_bytes(tmp_path):
 
 
 def test_a_letter_that_the_font_lacks_is_no_warning():
-    """Warnings are errors here; report_figures draws the same way."""
+    """Warnings are errors here; a page draws the same way."""
     plain, foreign = (plots.png(PlotData("record", title, "time [s]", "", {"measured": (TIME, SPEED)}))
                       for title in ("record", "試験"))
     assert foreign.startswith(b"\x89PNG") and foreign != plain

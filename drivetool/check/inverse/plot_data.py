@@ -25,7 +25,7 @@ def torque_plots(before: InverseRegression, after: InverseRegression) -> tuple[P
         curves[f"speed [{after.drive.motion_unit}/s]"] = (e.time, motion.speed)
         curves["close-up"] = (np.array(worst_interval(e.time, residuals, [slice(*s) for s in e.segments], e.step)),
                               np.zeros(2))
-        found.append(PlotData("diagnosis-record", f"{e.name}: torque that the motion asks for", "time [s]",
+        found.append(PlotData("diagnosis-record", f"{e.name}: torque that the motion requires", "time [s]",
                              f"motor torque [{e.torque_unit}]", curves))
     return tuple(found)
 

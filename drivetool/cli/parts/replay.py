@@ -76,7 +76,8 @@ def _replay_plot(model: str, experiment: Experiment, run: LoopReplay) -> PlotDat
     y, s = run.measured["motor_speed"], run.simulated["motor_speed"]
     return PlotData(
         "record",
-        f"{experiment.name}, model {model}: tuned loop replayed, fit {fit_text(run.fits['motor_speed'], '.1f')}",
+        f"{experiment.name}, model {model}: replay of the tuned loop, "
+        f"fit {fit_text(run.fits['motor_speed'], '.1f')}",
         "time [s]", f"motor speed [{experiment.motion_unit}/s]", {
             "measured": (run.time, y), "simulated": (run.time, s), "residual": (run.time, y - s),
             f"torque of the load [{experiment.torque_unit}]": (run.time, run.load)})

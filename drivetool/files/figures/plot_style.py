@@ -3,40 +3,33 @@
 from __future__ import annotations
 
 import warnings
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator
 from contextlib import contextmanager
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
-    from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
 GREY, BLUE, ORANGE, RED, GREEN, INK = "#8d939b", "#1763a6", "#d9730d", "#b3362d", "#3a7d44", "#2b2f33"
+AXIS_COLOUR, GRID_COLOUR, MEASURED_COLOUR = "#5c6269", "#e3e6e9", "#b9bec4"
 CYCLE = (BLUE, ORANGE, GREEN, RED, "#6b4c9a", GREY)
 STYLE: dict[str, Any] = {
-    "font.family": "DejaVu Sans", "font.size": 9, "axes.titlesize": 10.5, "axes.titleweight": "bold",
+    "font.family": "DejaVu Sans", "font.size": 9.5, "axes.titlesize": 11, "axes.titleweight": "bold",
     "axes.titlelocation": "left", "axes.spines.top": False, "axes.spines.right": False, "axes.grid": True,
-    "axes.edgecolor": "#5c6269", "axes.labelcolor": INK, "text.color": INK, "grid.color": "#e3e6e9",
-    "grid.linewidth": 0.7, "axes.axisbelow": True, "xtick.color": "#5c6269", "ytick.color": "#5c6269",
-    "legend.frameon": False, "legend.fontsize": 8.5, "lines.linewidth": 1.3, "figure.dpi": 120,
-    "savefig.dpi": 120, "axes.formatter.useoffset": False, "path.simplify": False,
+    "axes.edgecolor": AXIS_COLOUR, "axes.labelcolor": INK, "text.color": INK, "grid.color": GRID_COLOUR,
+    "grid.linewidth": 0.7, "axes.axisbelow": True, "xtick.color": AXIS_COLOUR, "ytick.color": AXIS_COLOUR,
+    "legend.frameon": False, "legend.fontsize": 9, "lines.linewidth": 1.2, "figure.dpi": 140,
+    "savefig.dpi": 140, "axes.formatter.useoffset": False, "path.simplify": False,
+    "svg.fonttype": "path", "svg.hashsalt": "drivetool", "hatch.linewidth": 0.6,
 }
 
 
-def stacked_panels(n: int, width: float, height: float) -> tuple[Figure, list[Axes]]:
-    """n panels above each other, each with an x axis of its own; width, height: of the whole picture [inches]."""
-    from matplotlib.figure import Figure
-
-    drawn = Figure(figsize=(width, height), layout="constrained")
-    return drawn, list(drawn.subplots(n, 1, squeeze=False)[:, 0])
-
-
 @contextmanager
-def drawing_style(style: Mapping[str, Any]) -> Iterator[None]:
-    """Draw with a style; a letter that the font lacks is a box in the picture, without a warning."""
+def drawing_style() -> Iterator[None]:
+    """Draw with the style; a letter that the font lacks is a box in the picture, without a warning."""
     from matplotlib import rc_context
 
-    with rc_context(dict(style)), warnings.catch_warnings():
+    with rc_context(STYLE), warnings.catch_warnings():
         warnings.filterwarnings("ignore", "Glyph .* missing from", UserWarning)
         yield
 

@@ -9,7 +9,7 @@ from pathlib import Path, PurePath
 
 from drivetool.files.disk import check_folder, make_folder, write_whole
 from drivetool.files.figures.plot_kinds import figure
-from drivetool.files.figures.plot_style import STYLE, drawing_style, without_math_text
+from drivetool.files.figures.plot_style import drawing_style, without_math_text
 from drivetool.identify.estimate import PlotData
 from drivetool.logs import Experiment
 
@@ -58,11 +58,21 @@ def png(plot: PlotData) -> bytes:
     """The picture as PNG bytes without anything that changes from run to run."""
     from matplotlib.backends.backend_agg import FigureCanvasAgg
 
-    with drawing_style(STYLE):
-        drawn = without_math_text(figure(plot))
-        buffer = BytesIO()
-        FigureCanvasAgg(drawn).print_png(buffer, metadata={"Software": None})
+    buffer = BytesIO()
+    with drawing_style():
+        FigureCanvasAgg(without_math_text(figure(plot))).print_png(buffer, metadata={"Software": None})
     return buffer.getvalue()
+
+
+def svg(plot: PlotData) -> str:
+    """The picture as an SVG element without anything that changes from run to run."""
+    from matplotlib.backends.backend_svg import FigureCanvasSVG
+
+    buffer = BytesIO()
+    with drawing_style():
+        FigureCanvasSVG(without_math_text(figure(plot))).print_svg(buffer, metadata={"Date": None, "Creator": None})
+    text = buffer.getvalue().decode("utf-8")
+    return text[text.index("<svg"):].strip()
 
 
 def recording_plot(experiment: Experiment) -> PlotData:

@@ -1,6 +1,6 @@
 """Takes a diagnosis and the files about it, and gives one HTML page that needs nothing else.
 
-The style of pages is shared.
+Every page is made from a template in the folder beside; the style of pages is shared.
 """
 
 import lazy_loader

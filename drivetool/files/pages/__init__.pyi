@@ -1,2 +1,2 @@
+from .rendering import rendered as rendered
 from .report_page import diagnosis_page as diagnosis_page
-from .report_style import CSS as CSS

@@ -109,8 +109,13 @@ def detection_limits(candidate: CandidateSection, names: bool = True) -> str:
 
 
 def gain_text(candidate: CandidateSection) -> str:
-    """'1230 +- 40'; '-' where there is none."""
-    if candidate.gain is None:
+    """Of the held-out log likelihood: '1230 +- 40'."""
+    return with_std(candidate.gain, candidate.gain_std)
+
+
+def with_std(value: float | None, std: float | None) -> str:
+    """'0.5871 +- 0.0012'; '-' where there is none."""
+    if value is None:
         return "-"
-    value, std = rounded(candidate.gain, candidate.gain_std)
-    return value if candidate.gain_std is None else f"{value} +- {std}"
+    digits, std_digits = rounded(value, std)
+    return digits if std is None else f"{digits} +- {std_digits}"

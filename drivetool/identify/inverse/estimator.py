@@ -273,15 +273,17 @@ def _torque_figures(fit: InverseFit, alone: InverseRegression,
 
     alone  the drive without laws
     """
-    found, e = alone.with_motion(), fit.at.experiments[0]
-    f, best = torque_fit(found), torque_fit(fit.at.with_motion())
+    found, full, e = alone.with_motion(), fit.at.with_motion(), fit.at.experiments[0]
+    f, best = torque_fit(found), torque_fit(full)
     figures: dict[str, float | int | None] = {
         "torque_fit_percent": f.fit_percent, "torque_rmse": f.rmse,
         "torque_rmse_over_rms_percent": 100.0 * f.over_rms, "torque_rmse_over_sd": f.over_sd,
         **({"torque_fit_percent_with_laws": best.fit_percent} if fit.at.laws[0] else {}),
         "band_hz": fit.at.seen.each[0].smoothing.cutoff / e.step, "every_sample": fit.at.kept, "n": f.n}
-    return best, figures, tuple(torque_picture(e, q, f"{e.name}: torque that the motion asks for")
-                             for e, q in zip(fit.at.experiments, found, strict=True))
+    return best, figures, tuple(
+        torque_picture(e, {"with further effects": one, "by the drive alone": drive} if fit.at.laws[0] else {
+            "": drive}, f"{e.name}: torque that the motion requires")
+        for e, one, drive in zip(fit.at.experiments, full, found, strict=True))
 
 
 def _outcome_sentence(fit: InverseFit, reference: str | None) -> str:

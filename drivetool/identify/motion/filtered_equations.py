@@ -63,11 +63,14 @@ def torque_fit(found: Sequence[Equations]) -> TorqueFit:
                      1.0 if constant else error / sd, len(torque))
 
 
-def torque_picture(e: Experiment, q: Equations, title: str) -> PlotData:
-    """The torque as logged, and as the motion requires it."""
+def torque_picture(e: Experiment, models: Mapping[str, Equations], title: str) -> PlotData:
+    """The torque as logged, and as the motion requires it by each of the models; their names, one may be empty."""
+    errors = {name: np.where(q.used, q.residual, np.nan) for name, q in models.items()}
+    torque = next(iter(models.values())).torque
     return PlotData("record", title, "time [s]", f"motor torque [{e.torque_unit}]", {
-        "measured": (e.time, q.torque), "simulated": (e.time, np.where(q.used, q.torque - q.residual, np.nan)),
-        "residual": (e.time, np.where(q.used, q.residual, np.nan))})
+        "measured": (e.time, torque)} | {
+        f"{word} {name}".strip(): (e.time, values) for name, error in errors.items()
+        for word, values in (("simulated", torque - error), ("residual", error))})
 
 
 def equations(e: Experiment, drive: Drive, free: tuple[str, ...], seen: Motions, motion: Motion,

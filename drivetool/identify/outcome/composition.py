@@ -365,20 +365,22 @@ def still_correlated(outcome: Outcome) -> bool:
 
 
 def record_plots(outcome: Outcome, traces, runs) -> tuple[PlotData, ...]:
+    """Measured and simulated of every sensor; those of the second and further ones have its name and unit."""
     task = outcome.task
-    unit = _unit_of_role(task.roles.outputs[0], task.experiments[0])
-    label = task.roles.outputs[0].replace("_", " ")
+    names = [f"{role.replace('_', ' ')} [{_unit_of_role(role, task.experiments[0])}]"
+             for role in task.roles.outputs]
     found, done = [], 0
     for e in task.experiments:
         count = sum(b - a >= 10 for a, b in e.segments)  # traces come in this order
         mine = range(done, done + count)
         done += count
-        y = np.concatenate([traces[i].outputs[:, 0] for i in mine])
-        s = np.concatenate([runs[i][:, 0] for i in mine])
+        y = np.concatenate([traces[i].outputs for i in mine])
+        s = np.concatenate([runs[i] for i in mine])
         u = np.concatenate([traces[i].inputs[:, 0] for i in mine])
         t = np.concatenate([e.time[a:b] for a, b in e.segments if b - a >= 10])
-        found.append(PlotData("record", f"{e.name}: measured and simulated", "time [s]", f"{label} [{unit}]", {
-            "measured": (t, y), "simulated": (t, s), "residual": (t, y - s),
+        found.append(PlotData("record", f"{e.name}: measured and simulated", "time [s]", names[0], {
+            f"{word} {name}".strip(): (t, values[:, k]) for k, name in enumerate(["", *names[1:]])
+            for word, values in (("measured", y), ("simulated", s), ("residual", y - s))} | {
             f"torque [{e.torque_unit}]": (t, u)}))
     return tuple(found)
 

@@ -10,17 +10,16 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from drivetool.files.figures import BLUE, GREY, INK, ORANGE, RED, stacked_panels
+from drivetool.files.figures import BLUE, GREY, INK, ORANGE, RED, Mark, Panel, mark, picture
 from drivetool.identify.estimate import Z95
 from drivetool.site.trends.outliers import Outlier
 from drivetool.site.trends.sentences import time_span
 from drivetool.site.trends.trend import Change, Trend
 
 if TYPE_CHECKING:
-    from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
-PANEL_HEIGHT, PICTURE_WIDTH = 1.9, 8.0  # inches. A choice: readable panels, as wide as a page.
+PANEL_HEIGHT = 1.9  # inches. A choice: readable panels
 ANNOTATION_HEADROOM = 0.3  # of the range of the values: room for two lines of text
 MAX_NAME_LENGTH = 60  # characters of a machine's name that fit the width of the picture
 
@@ -35,14 +34,8 @@ class TrendPlotData:
 
     def figure(self) -> Figure:
         """The picture: a panel per series over the number of the recording."""
-        n = len(self.trends)
-        drawn, axes = stacked_panels(n, PICTURE_WIDTH, 1.0 + PANEL_HEIGHT * n)
-        for axis, trend in zip(axes, self.trends, strict=True):
-            _draw_panel(axis, trend)
-        axes[0].set_title(f"Trends of {shorten(self.title, MAX_NAME_LENGTH)}")
-        axes[-1].set_xlabel("recording")
-        drawn.align_ylabels(axes)
-        return drawn
+        return picture(f"Trends of {shorten(self.title, MAX_NAME_LENGTH)}",
+                       [_panel(trend, trend is self.trends[-1]) for trend in self.trends])
 
 
 def trend_plots(found: Sequence[Trend]) -> tuple[list[TrendPlotData], list[str]]:
@@ -53,57 +46,53 @@ def trend_plots(found: Sequence[Trend]) -> tuple[list[TrendPlotData], list[str]]
             for name in machines], machines
 
 
-def _draw_panel(axis: Axes, trend: Trend) -> None:
-    """Values with their 95 % intervals, the means, the drift and the steps."""
-    series = trend.series
+def _panel(trend: Trend, last: bool) -> Panel:
+    """Values with their 95 % intervals, the means or the drift, and the steps; the last has the axis label."""
+    series, drift = trend.series, trend.drift
     place = np.arange(1, len(series.values) + 1)
-    axis.errorbar(place, series.values, Z95 * np.nan_to_num(series.stds), fmt="o", markersize=3.0, color=INK,
-                  ecolor=GREY, elinewidth=0.8, zorder=3)
-    drift = trend.drift
+    marks = [mark("errorbar", place, series.values, Z95 * np.nan_to_num(series.stds), fmt="o", markersize=3.0,
+                  color=INK, ecolor=GREY, elinewidth=0.8, zorder=3)]
     if drift is not None and drift.significant:
-        axis.plot(place[[0, -1]], [drift.before, drift.after], color=RED if drift.alarm else ORANGE, zorder=4)
+        marks.append(mark("plot", place[[0, -1]], [drift.before, drift.after], color=RED if drift.alarm else ORANGE,
+                          zorder=4))
     else:
-        _draw_means(axis, trend)
-    if trend.changes:
-        axis.margins(y=ANNOTATION_HEADROOM)
-    for change in trend.changes:
-        _draw_step(axis, trend, change)
-    for name, outlier in trend.outliers:
-        _draw_outlier(axis, trend, name, outlier)
-    axis.set_xlim(0.5, len(place) + 0.5)
+        marks += _means(trend)
+    marks += [part for change in trend.changes for part in _step(trend, change)]
+    marks += [part for name, outlier in trend.outliers for part in _outlier(trend, name, outlier)]
     unit = f" [{series.unit}]" if series.unit else ""
-    axis.set_ylabel(f"{series.parameter}\n{series.step}{unit}", fontsize=8)
+    return Panel(marks, {"ylabel": f"{series.parameter}\n{series.step}{unit}", "xlim": (0.5, len(place) + 0.5),
+                         **({"ymargin": ANNOTATION_HEADROOM} if trend.changes else {}),
+                         **({"xlabel": "recording"} if last else {})}, PANEL_HEIGHT)
 
 
-def _draw_means(axis: Axes, trend: Trend) -> None:
+def _means(trend: Trend) -> list[Mark]:
     """The mean of every part and its 95 % interval."""
     ends = [0, *(change.place for change in trend.changes), len(trend.series.values)]
-    for a, b, mean in zip(ends[:-1], ends[1:], trend.parts or (trend.mean,), strict=True):
-        across = [a + 0.5, b + 0.5]
-        axis.plot(across, [mean.value] * 2, color=BLUE, zorder=4)
-        if mean.ci95 is not None:
-            axis.fill_between(across, *mean.ci95, color=BLUE, alpha=0.2, linewidth=0)
+    parts = list(zip(ends[:-1], ends[1:], trend.parts or (trend.mean,), strict=True))
+    return [mark("plot", [a + 0.5, b + 0.5], [mean.value] * 2, color=BLUE, zorder=4) for a, b, mean in parts] + [
+        mark("fill_between", [a + 0.5, b + 0.5], *mean.ci95, color=BLUE, alpha=0.2, linewidth=0)
+        for a, b, mean in parts if mean.ci95 is not None]
 
 
-def _draw_outlier(axis: Axes, trend: Trend, name: str, outlier: Outlier) -> None:
+def _outlier(trend: Trend, name: str, outlier: Outlier) -> list[Mark]:
     """A cross at the edge: at its true height it would compress all other values."""
     before = outlier.place - sum(other.place < outlier.place for _, other in trend.outliers)
-    up = outlier.value > outlier.expected
+    at = before + 0.5, 0.96 if outlier.value > outlier.expected else 0.04
     right = before > 0.6 * len(trend.series.values)
-    axis.annotate(f"{Path(name).stem}: {outlier.value:.4g}", (before + 0.5, 0.96 if up else 0.04),
-                  xycoords=("data", "axes fraction"), xytext=(-6 if right else 6, 0), textcoords="offset points",
-                  fontsize=7, color=RED, va="center", ha="right" if right else "left")
-    axis.plot(before + 0.5, 0.96 if up else 0.04, "x", color=RED, markersize=5.0, clip_on=False,
-              transform=axis.get_xaxis_transform())
+    look = {"xycoords": ("data", "axes fraction"), "textcoords": "offset points", "color": RED, "va": "center"}
+    return [mark("annotate", f"{Path(name).stem}: {outlier.value:.4g}", at, xytext=(-6 if right else 6, 0),
+                 fontsize=7, ha="right" if right else "left", **look),
+            mark("annotate", "\u00d7", at, xytext=(0, 0), ha="center", **look)]
 
 
-def _draw_step(axis: Axes, trend: Trend, change: Change) -> None:
+def _step(trend: Trend, change: Change) -> list[Mark]:
     """A line at the step, red with its figures for an alarm."""
     colour = RED if change.alarm else ORANGE
-    axis.axvline(change.place + 0.5, color=colour, linewidth=1.2, linestyle="-" if change.alarm else "--")
     size = "" if np.isinf(change.ratio) else f", {change.ratio:.1f} sd"
     words = time_span(trend.series, change.place - 1, change.place).removeprefix("between ")
     left = change.place < 0.6 * len(trend.series.values)
-    axis.annotate(f"{'alarm' if change.alarm else 'small step'}{size}\n{words}", (change.place + 0.5, 1.0),
-                  xycoords=("data", "axes fraction"), xytext=(4 if left else -4, -2), textcoords="offset points",
-                  fontsize=7, color=colour, va="top", ha="left" if left else "right")
+    at = change.place + 0.5
+    return [mark("axvline", at, color=colour, linewidth=1.2, linestyle="-" if change.alarm else "--"),
+            mark("annotate", f"{'alarm' if change.alarm else 'small step'}{size}\n{words}", (at, 1.0),
+                 xycoords=("data", "axes fraction"), xytext=(4 if left else -4, -2), textcoords="offset points",
+                 fontsize=7, color=colour, va="top", ha="left" if left else "right")]
