@@ -8,6 +8,6 @@ from .finding_table import (
 )
 from .gains_table import print_gains as print_gains
 from .inspection_table import print_inspection as print_inspection
-from .number_format import rounded as rounded, short as short
+from .number_format import short as short
 from .result_tables import print_both as print_both
 from .trends_table import print_trends as print_trends
