@@ -150,6 +150,7 @@ def test_two_files_stand_side_by_side():
     entries = dict(first.parameters)
     entries["motor.inertia"] = shapes.ParameterSection(value=588.1, unit="g m^2", std=0.9)
     entries["motor.viscous"] = shapes.ParameterSection(value=0.1, unit="Nm s/rad")
+    entries["shaft.stiffness"] = shapes.ParameterSection(value=3310.0)
     del entries["load.inertia"]
     second = shapes.msgspec.structs.replace(first, parameters=entries, data=[
         shapes.FileSection(file="b.parquet", sha256="cd" * 32)])
@@ -162,6 +163,7 @@ def test_two_files_stand_side_by_side():
     found, text = rows(first, second)
     assert found["motor.inertia"] == ["0.5871", "0.0012", "0.58810", "0.00090", "kg", "m^2", "0.65"]
     assert found["load.inertia"] == ["5.179", "0.023", "-", "-", "kg", "m^2", "-"]
+    assert found["shaft.stiffness"] == ["3310", "120", "3310", "-", "Nm/rad", "-"]
     assert found["motor.viscous"] == ["-", "-", "0.1", "-", "Nm", "s/rad", "-"]
     assert "greybox" in text and "backlash" in text and "share" not in text
     found, text = rows(first, first)

@@ -29,7 +29,7 @@ def _design_table(file: GainsFile, per_unit: bool) -> Table:
                  next(_shown_unit(figure, per_unit) for figure in figures if figure is not None)))
             for label, figures in picked if any(figure is not None for figure in figures)]
     columns = numbers(*(design.configuration if many else "value" for design in file.designs))
-    return Table([Column(least=30), *columns, Column("unit", fold=False)], rows,
+    return Table([Column(least=30), *columns, Column("unit", fold=False, rank=-1)], rows,
                  "controller settings and performance")
 
 

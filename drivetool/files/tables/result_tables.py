@@ -82,9 +82,10 @@ def print_both(files: Sequence[shapes.ParameterFile], paths: Sequence[str], cons
     first, second = (file.parameters for file in files)
     common = {entry.sha256 for entry in files[0].data} & {entry.sha256 for entry in files[1].data}
     rows = [_both_row(name, first.get(name), second.get(name), not common) for name in {**first, **second}]
-    heads = [title for label in short_labels(paths).values() for title in (label, "+- (std)")]
+    labels = short_labels(paths)
+    heads = [title for path in paths for title in (labels[path], "+- (std)")]
     console.print(Table([Column("parameter", least=24), *numbers(*heads), Column("unit", fold=False),
-                         *numbers("difference / std")], rows))
+                         *numbers("difference / std", rank=-1)], rows))
     console.print(lines(["the files share a recording, hence a difference has no std"] if common else [], "dim"))
 
 
@@ -92,9 +93,9 @@ def _both_row(name: str, one: shapes.ParameterSection | None, two: shapes.Parame
               independent: bool) -> Row:
     """Value and +- of both; the difference, second less first, over the joint standard deviation."""
     missing = shapes.ParameterSection(value=None)
-    unit = (one or two or missing).unit or ""
+    unit = next((each.unit for each in (one, two) if each and each.unit), "")
     (value, std), (other, other_std) = (
-        [number and units.conversion_factor(each.unit or "", unit, name) * number
+        [number and units.conversion_factor(each.unit or unit, unit, name) * number
          for number in (each.value, each.std)] for each in (one or missing, two or missing))
     joint = independent and None not in (value, std, other, other_std) and math.hypot(std, other_std)
     ratio = (other - value) / joint if joint else None
@@ -116,7 +117,7 @@ def _validation_tables(checks: Sequence[shapes.CheckSection]) -> list[Table]:
     names, unit = [Column("model"), Column("record", least=14)], checks[0].unit
     title, figures = _check_figures(checks[0], checks[0])
     mark = {True: Text("met", "green"), False: Text("missed", "bold red")}
-    found = [Table([*names, *numbers(*figures), Column("limits", fold=False)], [
+    found = [Table([*names, *numbers(*figures), Column("limits", fold=False, rank=-1)], [
         Row((*labels, *_check_figures(check, checks[0])[1].values(), mark[check.passed]))
         for check, *labels in rows], title, 2)]
     if any(check.measured_start_rmse is not None for check in checks):
@@ -175,7 +176,7 @@ def _parameter_table(parameters: Mapping[str, shapes.ParameterSection]) -> Table
     bounded = any(entry.ci95 for entry in entries)
     columns = [Column("parameter", least=24), *numbers("value"), Column("unit", fold=False),
                *numbers("+- (std)", "%"), *numbers(*["ci95"] * bounded, rank=1),
-               *numbers(*["repeat"] * repeated, "start"), Column("status")]
+               *numbers(*["repeat"] * repeated, "start"), Column("status", rank=-1)]
     rows = [Row((
         name, value, entry.unit or "", std, percent(entry.value, entry.std),
         *[" .. ".join(rounded(end, entry.std)[0] for end in entry.ci95) if entry.ci95 else "-"] * bounded,

@@ -25,7 +25,7 @@ class Column:
     right  whether its cells stand at the right
     fold   whether its cells fold between words, and names in them behind / . _ and -
     least  width to which names fold; they need more only where a word of them is longer
-    rank   of the columns that do not fit, the one with the highest goes to a block below first
+    rank   where not all fit, the column with the highest goes to a block below first, the last one of several
     """
 
     title: str = ""
