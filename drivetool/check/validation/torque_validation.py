@@ -69,7 +69,7 @@ def _check_record(name: str, file: str, e: Experiment, drive: Drive,
         f.fit_percent >= (0.0 if options.min_fit is None else options.min_fit),  # a constant torque has no fit
         rmse_percent=100.0 * f.over_rms)
     title = f"{file}, model {name}: torque required by the motion, fit {fit_text(f.fit_percent, '.1f')}"
-    return check, torque_picture(e, q, title)
+    return check, torque_picture(e, {"": q}, title)
 
 
 def _verdict(checks: Sequence[CheckSection], unseen: bool) -> str:

@@ -66,21 +66,25 @@ def picture(title: str, panels: Sequence[Panel], columns: int = 1, width: float 
 
     rows = [panel.height for panel in panels[::columns]]
     drawn = Figure(figsize=(width, 1.0 + sum(rows)), layout="constrained")
-    axes = list(drawn.subplots(len(rows), columns, squeeze=False, height_ratios=rows).flat)
+    grid = drawn.add_gridspec(len(rows), columns, height_ratios=rows)
+    axes: list[Axes] = []
+    for k, panel in enumerate(panels):
+        axes.append(drawn.add_subplot(grid[k], sharex=axes[k - columns] if panel.shared else None))
+    rooms = np.zeros(len(panels))
     title = fill(title, int(TITLE_CHARACTERS * width / WIDTH))
     if columns > 1:
         drawn.suptitle(title, x=0.01, ha="left", fontsize=11, fontweight="bold")
     for k, (axis, panel) in enumerate(zip(axes, panels, strict=True)):
+        _draw(axis, panel)
         if panel.shared:
-            axis.sharex(axes[k - columns])
             axes[k - columns].tick_params(labelbottom=False)
             axes[k - columns].set_xlabel("")
-        _draw(axis, panel)
-        room = _legend_above(axis, LEGEND_CHARACTERS * width / WIDTH / columns)
+        rooms[k] = _legend_above(axis, LEGEND_CHARACTERS * width / WIDTH / columns)
         if columns == 1 and k == 0:
-            axis.set_title(title, pad=room)
+            axis.set_title(title, pad=rooms[k])
         elif panel.title:
-            axis.set_title(panel.title, pad=room, fontsize=9.5, fontweight="normal")
+            axis.set_title(panel.title, pad=rooms[k], fontsize=9.5, fontweight="normal")
+    drawn.set_figheight(1.0 + sum(rows) + rooms[::columns].sum() / 72.0)
     drawn.align_ylabels(axes)
     return drawn
 
@@ -101,8 +105,8 @@ def _legend_above(axis: Axes, characters: float) -> float:
     """The legend between title and panel, where it covers nothing; the room that it takes, in points."""
     labels = axis.get_legend_handles_labels()[1]
     if not labels:
-        return 6.0
-    columns = int(np.clip(characters // (max(map(len, labels)) + 7), 1, 4))
+        return 6.0  # of the title alone
+    columns = int(np.clip(characters // (max(map(len, labels)) + 5), 1, 4))
     axis.legend(loc="lower left", bbox_to_anchor=(0.0, 1.0), ncols=columns, borderaxespad=0.2)
     return 12.0 + 14.0 * -(-len(labels) // columns)
 
@@ -133,12 +137,12 @@ def _contours(axis: Axes, *data: np.ndarray, text: Callable[[float], str] | None
         axis.clabel(lines, lines.levels[::every], fmt=text, fontsize=7.5, inline_spacing=2)
 
 
-def _heat(axis: Axes, *data: np.ndarray, bar: str | None, filled: bool = False, **look: Any) -> None:
+def _heat(axis: Axes, *data: np.ndarray, bar: Mapping[str, Any] | None, filled: bool = False, **look: Any) -> None:
     """Colours over two axes; with a bar that explains those of all panels."""
     shade = (axis.contourf if filled else axis.pcolormesh)(*data, **look)
     axis.grid(False)
     if bar is not None:
-        axis.figure.colorbar(shade, ax=axis.figure.axes, label=bar, pad=0.01)
+        axis.figure.colorbar(shade, ax=axis.figure.axes, pad=0.01, **bar)
 
 
 _KINDS: Mapping[str, Callable[..., None]] = {"line": _line, "stems": _stems, "ticks": _ticks,

@@ -2,9 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from dataclasses import replace
-from functools import partial
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -73,12 +72,12 @@ def record(plot: PlotData) -> list[Panel]:
             low, high = given[0] if given else worst_interval(*next(iter(errors.values())))
             span = [mark("axvspan", low, high, color=GRID_COLOUR, linewidth=0, zorder=0)]
             details.append(Panel(
-                _lines(detail(own, low, high), lambda *_: None), {"ylabel": name, "xlim": (low, high)}, 2.0,
+                _lines(detail(own, low, high), named=False), {"ylabel": name, "xlim": (low, high)}, 2.0,
                 "detail, linear trend removed, at the largest error" + (" of the base model" if given else "")))
-        found.append(Panel([*_lines(own), *span], {"ylabel": name, **limits}, 2.6 if not found else 1.8,
-                           shared=bool(found)))
+        found.append(Panel([*_lines(own, named=not found), *span], {"ylabel": name, **limits},
+                           1.8 if found else 2.6, shared=bool(found)))
         if errors:
-            found.append(Panel([*_lines(errors, partial(_rms_words, unit=unit_of_label(name))), zero(), *span],
+            found.append(Panel([*_lines(errors, unit_of_label(name)), zero(), *span],
                                {"ylabel": f"error\n{unit_of_label(name)}"}, 1.3, shared=True))
     found += [Panel([mark("line", *curve, color=INK, linewidth=0.8, drawstyle="steps-post"), *span],
                     {"ylabel": two_line_label(label)}, 1.1, shared=True) for label, curve in inputs.items()]
@@ -87,11 +86,10 @@ def record(plot: PlotData) -> list[Panel]:
     return found + details
 
 
-def _lines(curves: Mapping[str, Curve], words: Callable[[str, np.ndarray], str | None] = lambda label, _: label,
-           ) -> list[Mark]:
-    """A line per curve; words: of it in the legend."""
-    return [mark("line", *curve, label=words(label, curve[1]), **line_style(label))
-            for label, curve in curves.items()]
+def _lines(curves: Mapping[str, Curve], unit: str | None = None, named: bool = True) -> list[Mark]:
+    """A line per curve, named in the legend; with a unit each is an error, whose rms is stated."""
+    return [mark("line", *curve, **line_style(label), label=None if not named else label if unit is None
+                 else _rms_words(label, curve[1], unit)) for label, curve in curves.items()]
 
 
 def _rms_words(label: str, error: np.ndarray, unit: str) -> str:

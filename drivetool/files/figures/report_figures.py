@@ -97,8 +97,8 @@ def _order_map(plot: PlotData) -> list[Panel]:
         # At an anti-resonance little noise requires a hundredfold torque: linear colours would show nothing else.
         shown = heat.values[heat.values > 0.0]
         low, high = (float(shown.min()), float(shown.max())) if len(shown) else (0.1, 1.0)
-        marks.append(mark("heat", heat.x, heat.y, heat.values, bar=heat.label, cmap="viridis_r", rasterized=True,
-                          norm=LogNorm(low, max(high, 1.01 * low))))
+        marks.append(mark("heat", heat.x, heat.y, heat.values, bar={"label": heat.label}, cmap="viridis_r",
+                          rasterized=True, norm=LogNorm(low, max(high, 1.01 * low))))
         limits = {"xlim": (0.0, heat.x[-1])}
     for label, (x, y) in plot.curves.items():
         marks += [mark("plot", x, y, color=ORANGE, linewidth=1.0, linestyle=(0, (1, 4))),

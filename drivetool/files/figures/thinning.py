@@ -7,7 +7,7 @@ from itertools import pairwise
 import numpy as np
 
 
-def decimated(x: np.ndarray, y: np.ndarray, bins: int = 1200) -> tuple[np.ndarray, np.ndarray]:
+def decimated(x: np.ndarray, y: np.ndarray, bins: int = 800) -> tuple[np.ndarray, np.ndarray]:
     """At most 2 points per bin, the least and the greatest, so that no peak is lost.
 
     x, y     (n,) of a curve over rising x; NaN where there is nothing

@@ -46,6 +46,7 @@ def plane(plot: GainTimeMap) -> list[Panel]:
     every = np.concatenate([v[np.isfinite(v)] for v in plot.panels.values()])
     least, most = every.min(), min(every.max(), every.min() * 64.0)
     levels = np.geomspace(least * 1.02, most, 16)
+    bar = {"format": lambda v, _: f"{v:.2g}", "ticks": levels[::3]}
     settings = {"xscale": "log", "yscale": "log", "xlim": tuple(plot.times[[0, -1]]),
                 "ylim": tuple(plot.gains[[0, -1]]), "facecolor": UNSTABLE_COLOUR, "xlabel": "integral time Ti [s]"}
     found = []
@@ -53,7 +54,7 @@ def plane(plot: GainTimeMap) -> list[Panel]:
         data = plot.times, plot.gains, np.ma.masked_invalid(values)
         marks = [
             mark("heat", *data, filled=True, levels=np.geomspace(least * 0.999, most, 40), cmap="YlGnBu",
-                 norm=LogNorm(least, most), extend="max", bar="" if k == len(plot.panels) else None),
+                 norm=LogNorm(least, most), extend="max", bar=bar if k == len(plot.panels) else None),
             mark("contours", *data, levels=levels, colors=INK, linewidths=0.5, text=lambda v: f"{v:.2g}", every=2),
             *_sensitivity_lines(plot),
             mark("plot", *plot.optimum, "o", color=INK, markeredgecolor="white", markersize=8, zorder=5),
@@ -210,7 +211,7 @@ def _watch(plot: LimitCyclePlotData, watch, first: bool) -> list[Panel]:
     rows = (speeds, [mark("plot", time, watch.motor_torque, color=INK)],
             [mark("plot", time, 1e3 * watch.twist, color=GREEN), *gap])
     return [Panel(marks, {"xlim": (0.0, time[-1]), "xlabel": "time after the kick [s]",
-                          **({"ylabel": label} if first else {})},
+                          **({"ylabel": label.replace(" [", "\n[")} if first else {})},
                   height, "" if k else f"{cycle.situation}\n{caption}", shared=k > 0)
             for k, (marks, label, height) in enumerate(zip(rows, labels, (2.3, 1.4, 1.4), strict=True))]
 

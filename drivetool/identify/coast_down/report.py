@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from scipy.optimize import brentq
@@ -296,11 +296,19 @@ def _torque_finding(
 
 def coast_down_plots(experiments: Sequence[Experiment], stretches: Sequence[Stretch], fitted: CoastDownFit,
              drive: Drive) -> tuple[PlotData, ...]:
-    """The recordings with the coast-downs marked, and the residual over the speed."""
+    """The residual over the speed, and the recordings with the coast-downs marked, simulated, and their errors."""
     plots = [_residual_plot(fitted, drive)]
-    off = [s for s in stretches if s.off]
-    plots += [record_plot("run-downs", e, [(s.first, s.last) for s in off if s.recording == k], drive)
-              for k, e in enumerate(experiments)]
+    errors = np.split(fitted.weighted_residuals, np.cumsum([len(speed) for speed in fitted.speeds])[:-1])
+    for k, e in enumerate(experiments):
+        own = [(s, s.first + reading.known, speed, error) for s, reading, speed, error in zip(
+            stretches, fitted.readings, fitted.speeds, errors, strict=True) if s.recording == k]
+        simulated, error = curves = np.full((2, e.size), np.nan)
+        for s, at, *of_readings in own:
+            inside = np.arange(s.first, s.last)
+            curves[:, inside] = [np.interp(inside, at, values) for values in of_readings]
+        plot = record_plot("coast-downs", e, [(s.first, s.last) for s, *_ in own if s.off], drive)
+        plots.append(replace(plot, curves={**plot.curves, "simulated speed": (e.time, simulated),
+                                           "error [std]": (e.time, error)}))
     return tuple(plots)
 
 
