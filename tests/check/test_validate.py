@@ -1,6 +1,5 @@
 """validate: true models pass, wrong ones are caught, and chance raises the alarm as often as it says."""
 
-from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -213,7 +212,7 @@ def test_other_sensors_are_checked_and_leave_the_motor_alone():
     wrong = both(load_speed=1.1 * load)
     assert not wrong.checks[1].passed and wrong.checks[1].simulation_fit_percent < 50.0
     for other in (found, wrong):
-        assert replace(other.checks[0], passed=True) == alone.checks[0]
+        assert other.checks[0].replace(passed=True) == alone.checks[0]
     turned = both(load_angle=angle).checks[1]
     assert turned.output == "load_angle" and turned.unit == "rad"
     assert turned.passed and turned.correlation_p > 0.01 and turned.rmse < 0.05
@@ -283,9 +282,9 @@ def test_a_signal_that_never_changes_has_no_fit_and_the_verdict_says_so():
     (((1.0, 3.1), (2.0, 3.0)), False), (((1.0, 4.0), (1.04, 3.0)), False), (((1.0, 4.0),), False)])
 def test_a_ranking_that_depends_on_the_start_state_is_reported(errors, turned):
     check = validated("rig", "steps_holdout").checks[0]
-    checks = [replace(check, model=f"{i}.yaml", rmse=fitted, measured_start_rmse=measured)
+    checks = [check.replace(model=f"{i}.yaml", rmse=fitted, measured_start_rmse=measured)
               for i, (fitted, measured) in enumerate(errors)]
-    found = ranking_findings([*checks, replace(check, file="other.parquet")])
+    found = ranking_findings([*checks, check.replace(file="other.parquet")])
     assert [f.code for f in found] == ["ranking-depends-on-start"] * turned
     assert not turned or "0.yaml has the smallest error with a fitted start state and 1.yaml" in found[0].text
 

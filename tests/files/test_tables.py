@@ -87,7 +87,7 @@ def test_a_table_labels_files_by_unique_names():
 
 
 def test_validation_of_long_names_says_met_in_full():
-    checks = [replace(CHECK, model=f"{model}.yaml", file="press_2_run_17.parquet", simulation_fit_percent=fit)
+    checks = [CHECK.replace(model=f"{model}.yaml", file="press_2_run_17.parquet", simulation_fit_percent=fit)
               for model, fit in (("backlash", -1234.5), ("greybox2", 99.99))]
     text = show(result_tables.print_validation, validation_file(replace(VALIDATION, checks=tuple(checks))))
     assert max(map(len, text.splitlines())) <= 80

@@ -20,7 +20,8 @@ from drivetool.files.disk import write
 from drivetool.files.figures import plots, thinning
 from drivetool.files.results.result_file import dump, dump_estimate, dump_validation, estimate_file, validation_file
 from drivetool.files.shapes import schema
-from drivetool.files.tables import result_tables as tables, rounded
+from drivetool.files.tables import result_tables as tables
+from drivetool.files.tables.number_format import rounded
 from drivetool.files.yaml.parameter_file import load_parameters, load_result
 from drivetool.identify.estimate import Covariance, Estimate, Parameter, PlotData
 from tests.places import SCHEMAS
