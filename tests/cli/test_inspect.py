@@ -93,6 +93,7 @@ def test_the_picture_shows_short_stretches_and_values_that_hardly_differ(tmp_pat
     pq.write_table(pa.table({"time": time, "n": np.full(600, 3.0), "stamp": 1.7e9 + np.arange(600) % 4}),
                    tmp_path / "a.parquet")
     first, second = figure(channel_plot(inspect_log(tmp_path / "a.parquet"))).axes
+    assert first.get_title() + first.get_title(loc="left") == "n [?]"
     assert len(first.lines) == 6 and {line.get_marker() for line in first.lines} == {"."}
     assert second.get_title(loc="left") + second.get_title() == "stamp [?], less 1700000000"
     assert np.ptp(second.get_ylim()) < 10 and second.get_ylim()[1] < 10

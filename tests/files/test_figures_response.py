@@ -20,7 +20,7 @@ def test_no_line_is_drawn_across_empty_lines():
     assert np.isnan(x).sum() == 1 and x[8] == 9.0 and x[10] == 14.0
     assert len(axes[0].collections[0].get_paths()) == 2
     assert axes[1].lines[0].get_linestyle() == "None"
-    assert "\n" in axes[0].get_title(loc="left") + axes[0].get_title()
+    assert "\n" in axes[0].figure.get_suptitle()
 
 
 def test_the_curve_of_a_model_is_whole():

@@ -17,7 +17,7 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 WIDTH = 7.0  # inches. A choice: letters that can be read on a phone and on paper
-TITLE_CHARACTERS, LEGEND_CHARACTERS = 68, 84  # a choice: what fits into that width in the fonts of the two
+TITLE_CHARACTERS, LEGEND_CHARACTERS = 72, 84  # a choice: what fits into that width in the fonts of the two
 
 
 @dataclass(frozen=True)
@@ -38,7 +38,7 @@ class Panel:
     """Marks on the same axes.
 
     settings  of the axes, as Matplotlib names them: xlabel, ylim, yscale ...
-    height    in inches; title: in small letters; shared: the x axis is that of the panel above
+    height    in inches; title: above it; shared: the x axis is that of the panel above
     adjust    what settings do not express, as the places of ticks
     """
 
@@ -71,19 +71,15 @@ def picture(title: str, panels: Sequence[Panel], columns: int = 1, width: float 
     for k, panel in enumerate(panels):
         axes.append(drawn.add_subplot(grid[k], sharex=axes[k - columns] if panel.shared else None))
     rooms = np.zeros(len(panels))
-    title = fill(title, int(TITLE_CHARACTERS * width / WIDTH))
-    if columns > 1:
-        drawn.suptitle(title, x=0.01, ha="left", fontsize=11, fontweight="bold")
+    drawn.suptitle(fill(title, int(TITLE_CHARACTERS * width / WIDTH)), x=0.01, ha="left")
     for k, (axis, panel) in enumerate(zip(axes, panels, strict=True)):
         _draw(axis, panel)
         if panel.shared:
             axes[k - columns].tick_params(labelbottom=False)
             axes[k - columns].set_xlabel("")
         rooms[k] = _legend_above(axis, LEGEND_CHARACTERS * width / WIDTH / columns)
-        if columns == 1 and k == 0:
-            axis.set_title(title, pad=rooms[k])
-        elif panel.title:
-            axis.set_title(panel.title, pad=rooms[k], fontsize=9.5, fontweight="normal")
+        if panel.title:
+            axis.set_title(panel.title, pad=rooms[k])
     drawn.set_figheight(1.0 + sum(rows) + rooms[::columns].sum() / 72.0)
     drawn.align_ylabels(axes)
     return drawn
@@ -105,7 +101,7 @@ def _legend_above(axis: Axes, characters: float) -> float:
     """The legend between title and panel, where it covers nothing; the room that it takes, in points."""
     labels = axis.get_legend_handles_labels()[1]
     if not labels:
-        return 6.0  # of the title alone
+        return 6.0  # of a title alone
     columns = int(np.clip(characters // (max(map(len, labels)) + 5), 1, 4))
     axis.legend(loc="lower left", bbox_to_anchor=(0.0, 1.0), ncols=columns, borderaxespad=0.2)
     return 12.0 + 14.0 * -(-len(labels) // columns)
