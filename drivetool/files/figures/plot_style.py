@@ -15,7 +15,8 @@ AXIS_COLOUR, GRID_COLOUR, MEASURED_COLOUR = "#5c6269", "#e3e6e9", "#b9bec4"
 CYCLE = (BLUE, ORANGE, GREEN, RED, "#6b4c9a", GREY)
 STYLE: dict[str, Any] = {
     "font.family": "DejaVu Sans", "font.size": 9.5, "figure.titlesize": 11, "figure.titleweight": "bold",
-    "axes.titlesize": 9.5, "axes.titlelocation": "left", "axes.spines.top": False, "axes.spines.right": False, "axes.grid": True,
+    "axes.titlesize": 9.5, "axes.titlelocation": "left", "axes.spines.top": False, "axes.spines.right": False,
+    "axes.grid": True,
     "axes.edgecolor": AXIS_COLOUR, "axes.labelcolor": INK, "text.color": INK, "grid.color": GRID_COLOUR,
     "grid.linewidth": 0.7, "axes.axisbelow": True, "xtick.color": AXIS_COLOUR, "ytick.color": AXIS_COLOUR,
     "legend.frameon": False, "legend.fontsize": 9, "lines.linewidth": 1.2, "figure.dpi": 140,
