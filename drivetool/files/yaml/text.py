@@ -23,8 +23,8 @@ _LARGEST_ROUNDED = 1.797693134e308
 # YAML reads these as line breaks, and the first as a plain one.
 _LINE_BREAKS = re.compile("[\x85\u2028\u2029]")
 # A terminal obeys control characters, UTF-8 has no lone surrogates, and XML 1.0 has no place for most of these, not
-# even escaped (section 2.2).
-_UNPRINTABLE = re.compile("[\x00-\x08\x0b-\x1f\x7f-\x9f\u2028\u2029\ud800-\udfff\ufffe\uffff]")
+# even escaped (section 2.2). Characters that turn the direction of text show a name as another one.
+_UNPRINTABLE = re.compile("[\x00-\x08\x0b-\x1f\x7f-\x9f\u2028-\u202e\u2066-\u2069\ud800-\udfff\ufffe\uffff]")
 
 
 class _Loader(yaml.SafeLoader):

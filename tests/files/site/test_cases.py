@@ -15,7 +15,7 @@ CASES = [
          ('gap-law: "a" & <b>',)),
     Case("press 1", "", "GREYBOX runs", True, "", ("one-level: one speed",)),
     Case("press 2", "press 2/02.mcap", "steady runs", False, "first line\nsecond line")]
-HOSTILE = ("bell \x07 escape \x1b[31m nul \x00 delete \x7f line\u2028 lone \udc80 end \ufffe ]]> <x> & \"'\r\n"
+HOSTILE = ("bell \x07 escape \x1b[31m nul \x00 delete \x7f line\u2028 turned \u202e lone \udc80 end \ufffe ]]> <x> & \"'\r\n"
            "\ttab \U0001f600")
 
 
@@ -46,7 +46,7 @@ def test_any_text_is_xml(passed):
     case = Case(HOSTILE, HOSTILE, HOSTILE, passed, "" if passed else HOSTILE, (HOSTILE,))
     text = junit([case])
     suite, = ElementTree.fromstring(text.encode("utf-8"))
-    assert all(part in suite.get("name") for part in ("\\u001b[31m", "\\udc80", "\U0001f600"))
+    assert all(part in suite.get("name") for part in ("\\u001b[31m", "\\u202e", "\\udc80", "\U0001f600"))
     assert suite.find("testcase").get("name") == suite.get("name") == suite.find("testcase/system-out").text
     assert not re.search("[\x00-\x08\x0b-\x1f\x7f-\x9f\ufffe]", text)
     assert not re.search("[\x00-\x09\x1b\x7f]", markdown([case]))
