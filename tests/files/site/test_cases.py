@@ -15,8 +15,8 @@ CASES = [
          ('gap-law: "a" & <b>',)),
     Case("press 1", "", "GREYBOX runs", True, "", ("one-level: one speed",)),
     Case("press 2", "press 2/02.mcap", "steady runs", False, "first line\nsecond line")]
-HOSTILE = ("bell \x07 escape \x1b[31m nul \x00 delete \x7f line\u2028 turned \u202e lone \udc80 end \ufffe ]]> <x> & \"'\r\n"
-           "\ttab \U0001f600")
+HOSTILE = ("bell \x07 escape \x1b[31m nul \x00 delete \x7f line\u2028 turned \u202e lone \udc80 end \ufffe "
+           "]]> <x> & \"'\r\n\ttab \U0001f600")
 
 
 def test_a_suite_per_machine_and_a_case_per_limit_and_recording():
