@@ -103,7 +103,7 @@ def test_a_torque_of_another_axis_explains_nothing(call, tmp_path, number, seed)
     wrong = replace(record, torque=size * np.resize(other.torque, len(record.torque)))
     content = drawn(call, tmp_path, wrong, fails=3)
     found = next(f for f in content["findings"] if f["code"] == "explains-nothing")
-    assert found["severity"] == "failure" and "not of one axis" in found["text"]
+    assert found["severity"] == "failure" and "belong to different axes" in found["text"]
     for name in NAMES:
         line = content["parameters"][name]
         assert line["std"] is None and line["ci95"] is None

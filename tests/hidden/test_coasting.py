@@ -243,8 +243,8 @@ def test_an_added_inertia_with_a_wrong_unit_beside_a_held_one_is_said(tmp_path):
 
 @pytest.mark.slow
 @pytest.mark.parametrize(("command", "words", "says"), [
-    ("diagnose", (), "take steady --method coast-down, which names the law"),
-    ("greybox", ("--set", "motor.inertia=1"), "take steady --method coast-down")])
+    ("diagnose", (), "which identifies the missing friction law"),
+    ("greybox", ("--set", "motor.inertia=1"), "use steady --method coast-down")])
 def test_other_commands_say_what_to_take_for_a_coast_down(tmp_path, command, words, says):
     write_coast_down(tmp_path / "coast.parquet", PAPER, 1)
     steady(tmp_path, "coast.parquet", *COAST)

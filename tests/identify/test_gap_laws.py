@@ -98,7 +98,7 @@ def test_a_half_gap_that_is_held_is_not_looked_for():
 def test_a_law_whose_rival_has_no_fit_is_not_named():
     both = both_laws(task_of(rig("heavy", "always", 0.863), damping=0.5), Options())
     found = gap_law_finding(replace(both, each={"always": both.outcome}), "shaft")
-    assert found.code == "gap-law" and "Only the law" in found.text and "inf" not in found.text
+    assert found.code == "gap-law" and "Only one law" in found.text and "inf" not in found.text
 
 
 @pytest.mark.slow

@@ -27,7 +27,7 @@ def test_a_joint_whose_neighbour_moves_is_no_one_body(number, seed, seconds):
     start = {"motor.inertia": 0.7 * joint.inertia, "motor.viscous": 0.1, "motor.coulomb": 0.3}
     found = greybox([made], one_body().with_values(start), Options(free=tuple(TRUTH)))
     failure = next(f for f in found.findings if f.code == "explains-nothing")
-    assert failure.severity == "failure" and "held out" in failure.text
+    assert failure.severity == "failure" and "held-out parts" in failure.text
     assert all(p.ci95 is None and p.std is None for p in found.parameters)
 
 

@@ -38,7 +38,7 @@ def test_a_law_is_found_and_the_inertia_is_right(name, with_reference):
     assert not estimate.drive.known_torques and not any("law" in p.name for p in estimate.parameters)
     assert estimate.fit["torque_fit_percent_with_laws"] > estimate.fit["torque_fit_percent"] + 1.0
     said = next(f for f in estimate.findings if f.code == "model-error")
-    assert words in said.text and "fitted beside" in estimate.explanation
+    assert words in said.text and "fitted in addition to the drive model" in estimate.explanation
 
 
 def test_the_size_of_a_law_is_that_of_its_torque():

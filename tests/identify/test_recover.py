@@ -212,5 +212,5 @@ def test_a_gap_fit_states_its_candidate(fitted, criterion):
     estimate = backlash([record], fitted(20).drive, Options(criterion=criterion))
     line = next(p for p in estimate.parameters if p.name == "shaft.half_gap")
     assert line.ci95[0] < machine.half_gap[0] < line.ci95[1]
-    assert ("free runs of 0.2 s is compared with it" in estimate.explanation) is (criterion == "auto")
+    assert ("compared with the fit to free runs of 0.2 s" in estimate.explanation) is (criterion == "auto")
     assert (line.std_structure is not None) is (criterion == "auto")

@@ -110,7 +110,7 @@ def held_out_differences(found: RecordDifferences, training: Sequence[Experiment
     fitted = {e.sha256 for e in training}
     of_training = [label for n in found.free if found.drive.records[label := n.partition("@")[2]] in fitted]
     if of_training:
-        raise BadOption(f"held-out recordings after {RECORD_OPTION} with {FREE_WORD}= of {step}",
+        raise BadOption(f"held-out recordings (--holdout) after {RECORD_OPTION} with {FREE_WORD}= of {step}",
                         of_training[0],
                         "Fit it with greybox --record, and pass the file that it writes.")
     if found.starts:

@@ -52,7 +52,7 @@ def roles_of(experiments: Sequence[Experiment], drive: Drive) -> Roles:
         if "motor_torque" not in e.signals:
             raise BadRecording(
                 "role motor_torque for the drive's input", f"none in {e.name}",
-                "Name its channel in the channel map; where the drive runs down without torque, take steady "
+                "Name its channel in the channel map; where the drive coasts down without torque, use steady "
                 "--method coast-down.", sorted(e.signals))
         e.signed("motor_torque", "the drive's input")
         if e.input_units:
