@@ -156,7 +156,8 @@ def test_two_files_stand_side_by_side():
         shapes.FileSection(file="b.parquet", sha256="cd" * 32)])
 
     def rows(*files):
-        text = show(lambda pair, console: print_both(pair, ("a/greybox.yaml", "backlash.yaml"), console), files)
+        text = show(lambda pair, console: print_both(
+            pair, ("a/greybox.yaml", "backlash.yaml"), ("12" * 32, "34" * 32), console), files)
         assert max(map(len, text.splitlines())) <= 80
         return {line.split()[0]: line.split()[1:] for line in text.splitlines() if line.strip()}, text
 
@@ -168,6 +169,9 @@ def test_two_files_stand_side_by_side():
     assert "greybox" in text and "backlash" in text and "share" not in text
     found, text = rows(first, first)
     assert found["motor.inertia"][-1] == "-" and "the files share a recording" in text
+    chained = shapes.msgspec.structs.replace(second, inputs=[shapes.FileSection(file="a", sha256="12" * 32)])
+    found, text = rows(first, chained)
+    assert found["motor.inertia"][-1] == "-" and "or a parameter file" in text
     entries["motor.inertia"] = shapes.ParameterSection(value=1.0, unit="Nm")
     with pytest.raises(BadParameters, match=r"motor\.inertia in kg m"):
         rows(first, shapes.msgspec.structs.replace(second, parameters=entries))

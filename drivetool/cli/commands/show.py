@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from hashlib import sha256
+from pathlib import Path
 from typing import Annotated
 
 import typer
@@ -48,5 +50,7 @@ def _compare(paths: tuple[str, str]) -> int:
         if not hasattr(file, "parameters"):
             raise BadOption("two parameter files, to show side by side", f"{file.schema} in {path}",
                             "Show such a file by itself.")
-    print_both(files, paths, table_console())
+    # Standard input was read already; what came from it is known by its recordings and inputs alone.
+    hashes = ["" if path == "-" else sha256(Path(path).read_bytes()).hexdigest() for path in paths]
+    print_both(files, paths, hashes, table_console())
     return DONE

@@ -74,19 +74,24 @@ def _correlation_lines(covariance: shapes.CovarianceSection | None) -> list[str]
             *[f"  and {len(large) - len(shown)} others"][:len(large) - len(shown)]]
 
 
-def print_both(files: Sequence[shapes.ParameterFile], paths: Sequence[str], console: Console) -> None:
+def print_both(files: Sequence[shapes.ParameterFile], paths: Sequence[str], hashes: Sequence[str],
+               console: Console) -> None:
     """Two parameter files side by side, the second one in the units of the first.
 
+    hashes  SHA-256 of each file: values fitted by one from the other, or from what both read, are not independent
     raises  BadParameters: a parameter in units of different dimensions
     """
     first, second = (file.parameters for file in files)
-    common = {entry.sha256 for entry in files[0].data} & {entry.sha256 for entry in files[1].data}
+    sources = [{own, *(entry.sha256 for entry in (*file.data, *file.inputs))}
+               for file, own in zip(files, hashes, strict=True)]
+    common = sources[0] & sources[1]
     rows = [_both_row(name, first.get(name), second.get(name), not common) for name in {**first, **second}]
     labels = short_labels(paths)
     heads = [title for path in paths for title in (labels[path], "+- (std)")]
     console.print(Table([Column("parameter", least=24), *numbers(*heads), Column("unit", fold=False),
                          *numbers("difference / std", rank=-1)], rows))
-    console.print(lines(["the files share a recording, hence a difference has no std"] if common else [], "dim"))
+    note = "the files share a recording or a parameter file, hence a difference has no std"
+    console.print(lines([note] if common else [], "dim"))
 
 
 def _both_row(name: str, one: shapes.ParameterSection | None, two: shapes.ParameterSection | None,
