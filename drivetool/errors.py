@@ -3,10 +3,14 @@
 from __future__ import annotations
 
 import difflib
-from collections.abc import Iterable, Mapping
-from dataclasses import dataclass, field
+from collections.abc import Iterable
+from typing import Annotated
 
-from drivetool.finding_codes import CODES, Severity
+import msgspec
+from msgspec import Meta
+
+from drivetool.finding_codes import CODES, RENAMED, Severity
+from drivetool.results import Shape
 
 
 class DriveToolError(Exception):
@@ -51,8 +55,22 @@ class Notice(UserWarning):
     """A message about the tool itself, not about a recording: the only kind of warning that is shown."""
 
 
-@dataclass(frozen=True)
-class Finding:
+class FindingSection(Shape):
+    """Something a person should know."""
+
+    severity: Severity
+    code: Annotated[str, Meta(description="stable, for scripts")]
+    text: str
+    evidence: Annotated[
+        dict[str, float | int | str | None], Meta(description="the numbers behind it")] = {}
+    action: Annotated[str, Meta(description="what to do about it")] = ""
+
+    def __post_init__(self) -> None:
+        """The present code in the place of one that an earlier version wrote."""
+        msgspec.structs.force_setattr(self, "code", RENAMED.get(self.code, self.code))
+
+
+class Finding(FindingSection):
     """Something a person should know about a recording, a fit or a model.
 
     code       one of `finding_codes`: stable, lower case with hyphens, for scripts
@@ -62,18 +80,18 @@ class Finding:
     parameter  of the estimate, if it is about one alone; for the steps within a run, and in no file
     """
 
-    severity: Severity
-    code: str
-    text: str
-    evidence: Mapping[str, float | int | str | None] = field(default_factory=dict)
-    action: str = ""
-    # Two findings with the same text in a file are equal: `parameter` alone does not make a second one.
-    parameter: str | None = field(default=None, compare=False)
+    parameter: str | None = None
 
     def __post_init__(self) -> None:
         """Refuse a code that the registry, and so the reference pages, lack."""
         if self.code not in CODES:
             raise ValueError(f"'{self.code}' is no registered finding code; enter it into drivetool/finding_codes.")
+
+    def __eq__(self, other: object) -> bool:
+        """As in a file: `parameter` alone does not make a second one."""
+        if not isinstance(other, Finding):
+            return NotImplemented
+        return all(getattr(self, n) == getattr(other, n) for n in FindingSection.__struct_fields__)
 
 
 def nearest(name: str, known: Iterable[str]) -> str:

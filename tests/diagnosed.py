@@ -18,14 +18,15 @@ BASE = two_mass().with_values({
     "total.viscous": 0.002})
 DRIVE = BASE.with_values({"shaft.stiffness": 3310.0, "shaft.damping": 3.1, "shaft.half_gap": 0.00322})
 LINES = (
-    Parameter("motor.inertia", 0.587, "kg m^2", 0.587, 0.001, (0.585, 0.589)),
-    Parameter("shaft.stiffness", 3310.0, "Nm/rad", 3200.0, 12.0, (3286.0, 3334.0)),
-    Parameter("shaft.half_gap", 0.00322, "rad", 0.0, 0.00002, (0.00318, 0.00326)))
+    Parameter(name="motor.inertia", value=0.587, unit="kg m^2", start=0.587, std=0.001, ci95=(0.585, 0.589)),
+    Parameter(name="shaft.stiffness", value=3310.0, unit="Nm/rad", start=3200.0, std=12.0, ci95=(3286.0, 3334.0)),
+    Parameter(name="shaft.half_gap", value=0.00322, unit="rad", start=0.0, std=0.00002, ci95=(0.00318, 0.00326)))
 FITTED = (
     CandidateResult("backlash", "Ts = ks dead(z, a)", "named", 1234.0, 41.0, 530.2, {"shaft.half_gap": 1e-4},
                     LINES),
     CandidateResult("hardening-stiffness", "Ts = ks twist (1 + h (|twist|/r)^n)", "worse", 610.0, 55.0, 260.0,
-                    {"shaft.hardening": 0.02}, (Parameter("shaft.hardening", 0.3, "", 0.0, 0.01),)),
+                    {"shaft.hardening": 0.02},
+                    (Parameter(name="shaft.hardening", value=0.3, unit="", start=0.0, std=0.01),)),
     CandidateResult("dead-time", "T(t) = u(t - td)", "no-gain", -3.0, 2.0, -1.5, {"converter.dead_time": 4e-5}),
     CandidateResult("coulomb-motor", "T = Tc sgn(w)", "in-the-model", reason="the base has it already"),
     CandidateResult("imbalance", "T = a sin(angle) + b cos(angle)", "not-shown",

@@ -121,12 +121,12 @@ def test_a_fit_that_fails_is_a_result(monkeypatch):
 @pytest.mark.parametrize(("deviations", "absent"), [(1.9, "no-gain"), (3.1, None)])
 def test_one_size_of_a_cause_must_be_significant(monkeypatch, deviations, absent):
     """The Stribeck speed, or dry friction beside it, may be anything: what counts is the breakaway surplus."""
-    lines = [Parameter("motor.stribeck", deviations, "Nm", 0.0, 1.0),
-             Parameter("motor.coulomb", 9.0, "Nm", 0.0, 1.0)]
+    lines = [Parameter(name="motor.stribeck", value=deviations, unit="Nm", start=0.0, std=1.0),
+             Parameter(name="motor.coulomb", value=9.0, unit="Nm", start=0.0, std=1.0)]
     monkeypatch.setattr(attempting, "added_parameters", lambda *_: lines)
     tried = CandidateFit(CAUSES["stribeck-motor"], BASE, {"motor.stribeck": 1.0, "motor.coulomb": 1.0})
     assert screened_for_significance(tried, BASE).absent == absent
-    monkeypatch.setattr(attempting, "added_parameters", lambda *_: [replace(p, std=None) for p in lines])
+    monkeypatch.setattr(attempting, "added_parameters", lambda *_: [p.replace(std=None) for p in lines])
     assert screened_for_significance(tried, BASE).absent is None  # without a standard error it is not tested
 
 

@@ -88,7 +88,7 @@ def test_causes_of_the_base_are_reported_where_nothing_else_is_found():
 @pytest.mark.parametrize(("size", "had"), [(0.01, ["coulomb-motor"]), (1e-4, [])])
 def test_the_base_has_a_cause_if_its_size_is_significant(size, had):
     def line(name, value, std):
-        return Parameter(name, value, "Nm", value, std, None, "fitted")
+        return Parameter(name=name, value=value, unit="Nm", start=value, std=std, ci95=None, status="fitted")
 
     estimate = SimpleNamespace(parameters=(line("motor.coulomb", size, 1e-4), line("load.coulomb", 0.2, 1e-3)))
     tried = [CandidateResult(code, "", "in-the-model") for code in ("coulomb-motor", "torque-offset")]
@@ -138,7 +138,7 @@ def test_no_diagnosis_sends_the_user_to_a_diagnosis(faults, severity, text):
 
 def line(name, value, unit, std=None):
     ends = None if std is None else (value - 1.96 * std, value + 1.96 * std)
-    return Parameter(name, value, unit, std=std, ci95=ends)
+    return Parameter(name=name, value=value, unit=unit, std=std, ci95=ends)
 
 
 @pytest.mark.parametrize(("code", "lines", "words"), [

@@ -43,7 +43,8 @@ def estimator(experiments, drive, options):
     exhibits = tuple(PlotData("record", "Fit", "time [s]", "motor speed [rad/s]", {
         "measured": (e.time, e.signals["motor_speed"])}) for e in experiments)
     return Estimate(
-        "greybox", drive, (Parameter("motor.inertia", drive.values["motor.inertia"], "kg m^2", 0.5, 0.01),),
+        "greybox", drive,
+        (Parameter(name="motor.inertia", value=drive.values["motor.inertia"], unit="kg m^2", start=0.5, std=0.01),),
         "converged", {"simulation_fit_percent": 90.0, "n": 500},
         findings=(Finding(severity, "no-fit", "Stub."),), exhibits=exhibits,
         data=tuple((e.name, e.sha256) for e in experiments))

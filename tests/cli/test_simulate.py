@@ -198,7 +198,8 @@ def test_causes_are_chosen_by_code():
 
 
 def test_sizes_are_those_of_the_cause():
-    fitted = tuple(Parameter(name, 1.0, "Nm") for name in ("load.inertia", "motor.coulomb", "load.coulomb"))
+    fitted = tuple(Parameter(name=name, value=1.0, unit="Nm")
+                   for name in ("load.inertia", "motor.coulomb", "load.coulomb"))
     assert [p.name for p in size_parameters("coulomb-load", fitted)] == ["load.coulomb"]
     assert [p.name for p in size_parameters("coulomb-motor", fitted)] == ["motor.coulomb"]
     assert size_parameters("unheard-of", fitted) == fitted

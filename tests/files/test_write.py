@@ -31,12 +31,14 @@ DRIVE = two_mass().with_values({
     "shaft.damping": 1.5e-5, "shaft.half_gap": 0.075, "total.viscous": 0.00184})
 ESTIMATE = Estimate(
     "greybox", DRIVE,
-    (Parameter("load.inertia", 5.179, "kg m^2", 5, np.float64(0.023), (5.13, 5.22)),
-     Parameter("motor.inertia", 0.5871234567, "kg m^2", 0.6, 0.0012, (0.585, 0.5895)),
-     Parameter("shaft.stiffness", 3310.0, "Nm/rad", 3445.0, 123.0, (3069.0, 3551.0)),
-     Parameter("shaft.damping", 1.5e-5, "Nm s/rad", 1e-5, None, None, "not-identifiable", "no resonance"),
-     Parameter("shaft.half_gap", 0.075, "rad", status="held"),
-     Parameter("converter.bandwidth", float("inf"), "rad/s", status="held")),
+    (Parameter(name="load.inertia", value=5.179, unit="kg m^2", start=5, std=np.float64(0.023), ci95=(5.13, 5.22)),
+     Parameter(name="motor.inertia", value=0.5871234567, unit="kg m^2", start=0.6, std=0.0012,
+               ci95=(0.585, 0.5895)),
+     Parameter(name="shaft.stiffness", value=3310.0, unit="Nm/rad", start=3445.0, std=123.0, ci95=(3069.0, 3551.0)),
+     Parameter(name="shaft.damping", value=1.5e-5, unit="Nm s/rad", start=1e-5, std=None, ci95=None,
+               status="not-identifiable", reason="no resonance"),
+     Parameter(name="shaft.half_gap", value=0.075, unit="rad", status="held"),
+     Parameter(name="converter.bandwidth", value=float("inf"), unit="rad/s", status="held")),
     "converged", {"simulation_fit_percent": 93.1, "one_step_fit_percent": 99.2, "rmse": float("nan"),
                   "n": 12},
     Covariance(("motor.inertia", "load.inertia", "shaft.damping"),
@@ -69,7 +71,7 @@ def test_round_trip(tmp_path):
 
 
 def test_a_total_and_its_part_are_not_both_written(tmp_path):
-    part = Parameter("motor.viscous", 0.001, "Nm s/rad", status="not-identifiable")
+    part = Parameter(name="motor.viscous", value=0.001, unit="Nm s/rad", status="not-identifiable")
     text = dump_estimate(replace(ESTIMATE, parameters=(*ESTIMATE.parameters, part)))
     entry = yaml.safe_load(text)["parameters"]["motor.viscous"]
     assert entry["value"] is None and entry["reason"] == "stated as total.viscous"

@@ -57,7 +57,8 @@ def test_a_record_that_reverses():
 @pytest.mark.parametrize(("upper", "severity"), [(0.4, "note"), (-0.1, "warning")])
 def test_a_damping_that_came_out_negative(upper, severity):
     """Surely below zero only where its whole interval is."""
-    line = Parameter("shaft.damping", 0.0, "Nm s/rad", ci95=(-1.0, upper), status="at-bound", reason="is -1")
+    line = Parameter(name="shaft.damping", value=0.0, unit="Nm s/rad", ci95=(-1.0, upper), status="at-bound",
+                     reason="is -1")
     assert codes(lines=[line]) == {"negative-estimate": severity}
     assert codes(lines=[replace(line, status="fitted")]) == {}
 

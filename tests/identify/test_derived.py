@@ -21,7 +21,8 @@ def drive_of(row):
 
 
 def lines_of(drive, **stds):
-    return [Parameter(n, v, drive.unit(n), std=stds.get(n), status="fitted" if n in stds else "held")
+    return [Parameter(name=n, value=v, unit=drive.unit(n), std=stds.get(n),
+                      status="fitted" if n in stds else "held")
             for n, v in drive.values.items()]
 
 
@@ -60,13 +61,15 @@ def test_intervals_follow_from_the_joint_covariance():
 
 def test_what_is_not_identified_leaves_no_interval_where_it_counts():
     drive = drive_of(TABLE["light grey"])
-    lines = [Parameter(p.name, p.value, p.unit, status="not-identifiable") if p.name == "load.inertia" else p
+    lines = [Parameter(name=p.name, value=p.value, unit=p.unit, status="not-identifiable")
+             if p.name == "load.inertia" else p
              for p in lines_of(drive, **{"motor.inertia": 0.01, "shaft.stiffness": 1.0})]
     covariance = Covariance(("motor.inertia", "shaft.stiffness"), np.diag([1e-4, 1.0]))
     for p in derived_figures_of(drive, lines, covariance, NAMES):
         assert p.std is None and "load.inertia" in p.reason
     # The load's viscous friction damps, and turns no frequency.
-    lines = [Parameter(p.name, p.value, p.unit, status="not-identifiable") if p.name == "load.viscous" else p
+    lines = [Parameter(name=p.name, value=p.value, unit=p.unit, status="not-identifiable")
+             if p.name == "load.viscous" else p
              for p in lines_of(drive, **{"motor.inertia": 0.01, "shaft.stiffness": 1.0})]
     found = {p.name: p for p in derived_figures_of(drive, lines, covariance, NAMES)}
     assert found["resonance"].std is not None and found["resonance_damping_ratio"].std is None

@@ -69,7 +69,7 @@ def test_the_factor_of_a_law_is_no_parameter_of_the_drive(outcome):
 
 
 def test_a_finding_on_ratios_is_about_no_single_parameter(outcome):
-    lines = [Parameter(n, 1.0, "") for n in outcome.task.free]
+    lines = [Parameter(name=n, value=1.0, unit="") for n in outcome.task.free]
     one = SimpleNamespace(task=SimpleNamespace(free=("motor.inertia", "motor.clamped")), drive=outcome.drive)
     several, alone = without_torque_intervals(lines, outcome)[1], without_torque_intervals(lines, one)[1]
     assert several.parameter is None and alone.parameter == "motor.inertia"
@@ -85,7 +85,7 @@ def test_only_the_findings_of_that_parameter_are_replaced():
 
 def test_a_gap_with_a_lower_bound_is_reported_once():
     drive = two_mass().with_values({"shaft.half_gap": 0.01})
-    before = Estimate("greybox", drive, (Parameter("shaft.half_gap", 0.01, "rad"),), "", {},
+    before = Estimate("greybox", drive, (Parameter(name="shaft.half_gap", value=0.01, unit="rad"),), "", {},
                       findings=(not_identifiable("shaft.half_gap"),))
     found = with_lower_limit_only(before, "shaft.half_gap", 0.008)
     assert [f.code for f in found.findings] == ["gap-unbounded"] and parameters_of_findings(found) == {
@@ -94,7 +94,7 @@ def test_a_gap_with_a_lower_bound_is_reported_once():
 
 def test_an_insignificant_shaft_replaces_the_findings_of_its_parameters():
     drive = two_mass()
-    lines = tuple(Parameter(n, 1.0, "") for n in (*SHAPE, "motor.coulomb"))
+    lines = tuple(Parameter(name=n, value=1.0, unit="") for n in (*SHAPE, "motor.coulomb"))
     before = Estimate("greybox", drive, lines, "", {}, findings=tuple(not_identifiable(p.name) for p in lines))
     assert parameters_of_findings(without_shaft_intervals(before, "shaft", "it does not show")) == {"motor.coulomb"}
 
@@ -102,7 +102,7 @@ def test_an_insignificant_shaft_replaces_the_findings_of_its_parameters():
 def test_of_one_body_for_a_drive_the_parameter_is_that_of_the_drive():
     drive = two_mass().with_values({"motor.inertia": 0.01, "load.inertia": 0.02})
     rigid = rigid_of(drive, Options())
-    lines = tuple(Parameter(n, 1.0, "") for n in rigid.names)
+    lines = tuple(Parameter(name=n, value=1.0, unit="") for n in rigid.names)
     one = Estimate("greybox", drive, lines, "", {},
                    findings=(not_identifiable("motor.viscous"), not_identifiable(None, "All")))
     assert parameters_of_findings(as_drive_parameters(one, drive, rigid)) == {"total.viscous"}

@@ -68,7 +68,7 @@ def test_a_drive_that_simulates_better_than_it_predicts_lacks_something(bodies, 
 def test_another_half_gap_that_is_as_likely_leaves_none(other, above, said):
     """A rival counts where it is as likely and lies outside the interval."""
     drive = two_mass().with_values({"shaft.half_gap": 0.01})
-    line = Parameter("shaft.half_gap", 0.01, "rad", 0.01, 1e-4, (0.0098, 0.0102))
+    line = Parameter(name="shaft.half_gap", value=0.01, unit="rad", start=0.01, std=1e-4, ci95=(0.0098, 0.0102))
     starts = ({"minus_log_likelihood_above_best": 0.0, "reached": {"shaft.half_gap": 0.01}},
               {"minus_log_likelihood_above_best": above, "reached": {"shaft.half_gap": other}})
     found = without_ambiguous(Estimate("backlash", drive, (line,), "", {}), SimpleNamespace(starts=starts),

@@ -98,7 +98,8 @@ def test_a_recording_does_not_count_for_what_it_does_not_identify():
 
 
 def lines_with(scatter, between, within, p=1.0, std=1.0):
-    line = Parameter("motor.inertia", 10.0, "kg m^2", None, std, (8.0, 12.0), std_noise=std)
+    line = Parameter(name="motor.inertia", value=10.0, unit="kg m^2", start=None, std=std, ci95=(8.0, 12.0),
+                     std_noise=std)
     r = Repeatability(np.array([scatter]), np.array([[within]]), np.array([[between]]), np.array([4.0]),
                       np.array([p]))
     names = ("motor.inertia",)

@@ -163,8 +163,8 @@ def _load_against_motor(e: Experiment, wanted: Sequence[str], gear_ratio: float)
         return e, []
     fault = load_fault(e, code, factor, error, gear_ratio)
     if factor < 0.0 and torque_sign_t_value(e.signals, motor_roles[0], e.step, e.segments) < -SLOPE_SIGNIFICANCE:
-        fault = replace(fault, finding=replace(
-            fault.finding, text=f"{fault.finding.text} The motor motion has the opposite sign to its torque.",
+        fault = replace(fault, finding=fault.finding.replace(
+            text=f"{fault.finding.text} The motor motion has the opposite sign to its torque.",
             action="Invert the sign of the motor's channels, or of the torque, in the channel map."))
         e, factor = channels_divided(e, motor_roles, -1.0), -factor
     return load_divided(e, factor), [fault]

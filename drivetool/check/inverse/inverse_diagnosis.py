@@ -292,7 +292,7 @@ def _candidate_results(trials: Sequence[Trial], scores: Sequence[Score], decisio
         if t.cause.code in decision.between:
             state = "named" if len(decision.between) == 1 else "possible"
         drive = t.model.task.drive
-        values = tuple(Parameter(n, drive.values[n], drive.unit(n)) for n in t.model.task.free
+        values = tuple(Parameter(name=n, value=drive.values[n], unit=drive.unit(n)) for n in t.model.task.free
                        if n not in node.model.task.free)
         lines.append(CandidateResult(
             t.cause.code, law_of(t.cause), state, s.gain, s.gain_std,
@@ -369,7 +369,7 @@ def _estimate(task: Task, before: Drive, roles: Roles, options: DiagnoseOptions,
     """The extended drive with intervals, over its training records."""
     fitted = greybox_by_inverse(task.experiments, task.drive, task.free, roles, Options(criterion="inverse"),
                                 records.inverse.lead[:records.fitted])
-    lines = tuple(replace(p, start=before.values.get(p.name, p.start)) for p in fitted.parameters)
+    lines = tuple(p.replace(start=before.values.get(p.name, p.start)) for p in fitted.parameters)
     return replace(fitted, step="diagnose", parameters=lines, options={
         "candidates": list(options.candidates), "error_budget": options.error_budget, "seed": options.seed,
         "criterion": "inverse"})

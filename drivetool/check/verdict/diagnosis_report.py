@@ -89,7 +89,7 @@ def correlated_errors_finding(faults: Sequence[Fault]) -> Finding:
     if "quantisation" in {f.code for f in faults}:
         return Finding("note", "innovations-correlated",
                        "One-step prediction errors are still correlated; quantisation explains this.")
-    return replace(CORRELATED, action="No cause of the catalogue explains the residual.")
+    return CORRELATED.replace(action="No cause of the catalogue explains the residual.")
 
 
 def causes_in_base(rounds: Sequence[Round], estimate: Estimate) -> list[str]:

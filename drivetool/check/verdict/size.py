@@ -48,7 +48,7 @@ def _as_amplitude(p: Parameter, estimate: Estimate) -> Parameter:
     along = np.array([p.value, other.value]) / max(size, 1e-300)
     std = _std_along(estimate, (p.name, other.name), along) if has_intervals else None
     interval = None if std is None else (max(size - Z95 * std, 0.0), size + Z95 * std)
-    return Parameter(name, size, p.unit, std=std, ci95=interval)
+    return Parameter(name=name, value=size, unit=p.unit, std=std, ci95=interval)
 
 
 def _std_along(estimate: Estimate, names: Sequence[str], direction: np.ndarray) -> float | None:

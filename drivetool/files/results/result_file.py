@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import asdict, replace
-from typing import Any, Literal
+from dataclasses import replace
+from typing import Literal
 
 import msgspec
 
@@ -16,15 +16,7 @@ from drivetool.errors import Finding
 from drivetool.files.shapes import parameter_shapes as shapes
 from drivetool.files.yaml import to_json, to_plain, to_yaml, written
 from drivetool.finding_codes import DOUBTING
-from drivetool.identify.estimate import (
-    Z95,
-    Covariance,
-    Estimate,
-    FoundLaw,
-    Parameter,
-    StartsSection,
-    derived_figures_of,
-)
+from drivetool.identify.estimate import Covariance, Estimate, Parameter, StartsSection, derived_figures_of
 
 COPIED_PARAMETER = "copied from the parameter file, not used in this step"
 Form = Literal["yaml", "json"]
@@ -63,21 +55,21 @@ def estimate_file(estimate: Estimate, inputs: Inputs = (),
     drive = replace(estimate.drive, values={**estimate.drive.constants, **estimate.drive.values})
     known = [_stated_once(p, drive) for p in estimate.parameters]
     if any(f.code in DOUBTING for f in estimate.findings):
-        known = [replace(p, reason=p.reason or shapes.IF_COMPLETE) if p.std is not None else p for p in known]
+        known = [p.replace(reason=p.reason or shapes.IF_COMPLETE) if p.std is not None else p for p in known]
     parameters = {p.name: parameter_section(p) for p in known}
     for name, value in drive.values.items():
         if name not in parameters:
             # Otherwise the next step would lose the results of an earlier one.
             reason = f"inputs in {drive.input_unit} are multiplied by it" if is_constant(name) else COPIED_PARAMETER
             parameters[name] = parameter_section(Parameter(
-                name, value, drive.unit(name), status="held", reason=reason))
+                name=name, value=value, unit=drive.unit(name), status="held", reason=reason))
     order = {name: i for i, name in enumerate(drive.quantities)}
     return shapes.ParameterFile(
         schema=shapes.PARAMETERS_SCHEMA, tool=tool_section(), step=estimate.step, outcome=estimate.outcome,
         drive=drive_section(drive),
         parameters={n: parameters[n] for n in sorted(parameters, key=lambda n: order.get(n, len(order)))},
         derived=_derived_sections(estimate) or msgspec.UNSET, explanation=estimate.explanation or msgspec.UNSET,
-        laws=_law_sections(estimate.laws) or msgspec.UNSET,
+        laws=[written(law, shapes.LawSection) for law in estimate.laws] or msgspec.UNSET,
         fit=to_plain(estimate.fit), starts=estimate.starts and written(estimate.starts, StartsSection),
         findings=finding_sections(estimate.findings),
         covariance=_covariance_section(estimate.covariance), noise=to_plain(estimate.noise), **(carried or {}),
@@ -106,40 +98,21 @@ def drive_section(drive: Drive) -> shapes.DriveSection:
 
 def parameter_section(parameter: Parameter) -> shapes.ParameterSection:
     """One parameter; what is not finite becomes null with a reason."""
-    entry: dict[str, Any] = to_plain(asdict(parameter))
-    del entry["name"]
-    for key in ("value", "start", "std"):
-        entry[key] = _as_float(entry[key])
-    for key in ("std_noise", "std_structure", "std_between", "repeatability"):
-        entry[key] = msgspec.UNSET if entry[key] is None else _as_float(entry[key])
-    entry["ci95"] = entry["ci95"] and tuple(map(_as_float, entry["ci95"]))
-    if not entry["reason"]:
-        if entry["value"] is None:
-            entry["reason"] = "no finite value" if math.isnan(parameter.value) else "absent (infinite)"
-        elif entry["std"] is None and parameter.std is not None:
-            entry["reason"] = "the standard deviation is not finite"
-    return shapes.ParameterSection(**entry)
+    section = written(parameter, shapes.ParameterSection)
+    if section.reason:
+        return section
+    if section.value is None:
+        return section.replace(reason="no finite value" if math.isnan(parameter.value) else "absent (infinite)")
+    lost = section.std is None and parameter.std is not None
+    return section.replace(reason="the standard deviation is not finite") if lost else section
 
 
 def _derived_sections(estimate: Estimate) -> dict[str, shapes.DerivedSection]:
     """The figures derived from the parameters."""
-    return {p.name: shapes.DerivedSection(to_plain(p.value), p.unit, to_plain(p.std), to_plain(p.ci95), p.reason)
+    return {p.name: written(p, shapes.DerivedSection)
             for p in (*estimate.ratios,
                       *derived_figures_of(estimate.drive, estimate.parameters, estimate.covariance,
                                           estimate.options.get("hold", ())))}
-
-
-def _law_sections(laws: Sequence[FoundLaw]) -> list[shapes.LawSection]:
-    """The laws with their intervals."""
-    return [shapes.LawSection(
-        name=law.name, factors=to_plain(list(law.factors)),
-        ci95=[(to_plain(f - Z95 * s), to_plain(f + Z95 * s)) for f, s in zip(law.factors, law.std, strict=True)])
-        for law in laws]
-
-
-def _as_float(value: float | None) -> float | None:
-    """A whole number as a float, so that equal values have one form in the file."""
-    return None if value is None else float(value)
 
 
 def _stated_once(parameter: Parameter, drive: Drive) -> Parameter:
@@ -149,8 +122,8 @@ def _stated_once(parameter: Parameter, drive: Drive) -> Parameter:
         others = parts if parameter.name == total else [total] if parameter.name in parts else []
         known = [name for name in others if name in drive.values]
         if known and parameter.name not in drive.values:
-            return replace(parameter, value=math.nan, std=None, ci95=None,
-                           reason=parameter.reason or f"stated as {', '.join(known)}")
+            return parameter.replace(value=math.nan, std=None, ci95=None,
+                                     reason=parameter.reason or f"stated as {', '.join(known)}")
     return parameter
 
 
@@ -168,9 +141,7 @@ def _covariance_section(covariance: Covariance | None) -> shapes.CovarianceSecti
 
 def finding_sections(findings: Iterable[Finding]) -> list[shapes.FindingSection]:
     """In the order in which they were found."""
-    return [shapes.FindingSection(
-        severity=f.severity, code=f.code, text=f.text, evidence=to_plain(f.evidence), action=f.action)
-        for f in findings]
+    return [written(f, shapes.FindingSection) for f in findings]
 
 
 def file_sections(files: Iterable[Sequence[str | None]]) -> list[shapes.FileSection]:

@@ -4,13 +4,12 @@ from __future__ import annotations
 
 from typing import Annotated, Any, Literal
 
-import msgspec
 from msgspec import UNSET, Meta, UnsetType
 
 from drivetool.check.outcome import GainSection, State, Verdict
 from drivetool.check.validation import CheckSection
-from drivetool.finding_codes import RENAMED
-from drivetool.identify.estimate import StartsSection
+from drivetool.errors import FindingSection
+from drivetool.identify.estimate import DerivedSection, LawSection, ParameterSection, StartsSection
 from drivetool.results import Number, Shape
 
 PARAMETERS_SCHEMA = "drivetool/parameters/1"
@@ -45,67 +44,11 @@ class DriveSection(Shape):
         description="unit of the motors' inputs, of which torque constants make torques")] = UNSET
 
 
-class ParameterSection(Shape):
-    """One parameter; only the value is needed in a file written by hand."""
-
-    value: Annotated[Number, Meta(description="null where there is none; reason says why")]
-    unit: Annotated[str | None, Meta(description="converted if it is not the drive's own")] = None
-    std: Annotated[Annotated[float, Meta(ge=0)] | None, Meta(
-        description="standard deviation; null where there is none")] = None
-    ci95: Annotated[
-        tuple[Number, Number] | None, Meta(description="95 % interval, lower and upper end")] = None
-    start: Annotated[Number, Meta(description="value the fit started from")] = None
-    status: Literal["fitted", "held", "at-bound", "not-identifiable"] = "held"
-    reason: Annotated[str, Meta(description="why there is no std, when it holds, or why the value was held")] = ""
-    std_noise: Annotated[float | UnsetType, Meta(description="part of the std by noise")] = UNSET
-    std_structure: Annotated[float | UnsetType, Meta(
-        description="part of the std by what explanations of the record disagree in: the model's error")] = UNSET
-    std_between: Annotated[float | UnsetType, Meta(
-        description="part of the std by what varies from recording to recording")] = UNSET
-    repeatability: Annotated[float | UnsetType, Meta(
-        description="how much that is: the standard deviation of single recordings")] = UNSET
-
-
 class CovarianceSection(Shape):
     """Covariance of the fitted parameters, in their units."""
 
     names: list[str]
     matrix: list[list[float]]
-
-
-class LawSection(Shape):
-    """A torque that the motion foretells and the drive lacks."""
-
-    name: str
-    factors: Annotated[list[float], Meta(
-        description="its size, root mean square in the unit of the torque, one per component")]
-    ci95: Annotated[list[tuple[float, float]], Meta(description="95 % interval of each")]
-
-
-class DerivedSection(Shape):
-    """A figure that follows from the parameters."""
-
-    value: float
-    unit: str
-    std: Annotated[Annotated[float, Meta(ge=0)] | None, Meta(
-        description="by the covariance of the parameters; null where one that counts has no interval")] = None
-    ci95: tuple[float, float] | None = None
-    reason: Annotated[str, Meta(description="why there is no std")] = ""
-
-
-class FindingSection(Shape):
-    """Something a person should know."""
-
-    severity: Literal["note", "warning", "failure"]
-    code: Annotated[str, Meta(description="stable, for scripts")]
-    text: str
-    evidence: Annotated[
-        dict[str, float | int | str | None], Meta(description="the numbers behind it")] = {}
-    action: Annotated[str, Meta(description="what to do about it")] = ""
-
-    def __post_init__(self) -> None:
-        """The present code in the place of one that an earlier version wrote."""
-        msgspec.structs.force_setattr(self, "code", RENAMED.get(self.code, self.code))
 
 
 class FileSection(Shape):

@@ -95,9 +95,14 @@ def to_plain(value: Any) -> Any:
 
 
 def written(section: Shape, kind: type[Result]) -> Result:
-    """What a file has of a result, a struct of that kind or with further fields, its numbers rounded."""
+    """What a file has of a result, a struct of that kind or with further fields, its numbers rounded.
+
+    None is left out where the kind leaves a value out.
+    """
+    left_out = {f.name: f.default is msgspec.UNSET for f in msgspec.structs.fields(kind)}
     content = {name: getattr(section, name) for name in kind.__struct_fields__}
-    return msgspec.convert(to_plain({n: v for n, v in content.items() if v is not msgspec.UNSET}), kind)
+    return msgspec.convert(to_plain({n: v for n, v in content.items() if not (
+        v is msgspec.UNSET or (v is None and left_out[n]))}), kind)
 
 
 def counted_noun(n: int, noun: str) -> str:

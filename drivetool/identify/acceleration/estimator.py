@@ -225,7 +225,7 @@ def as_drive_parameters(found: Estimate, drive: Drive, rigid: RigidDrive) -> Est
             text = text.replace(old, new if old != "motor.inertia" else "the inertia at the motor")
         return text
 
-    findings = tuple(replace(f, text=named(f.text), action=named(f.action), parameter=rigid.names.get(
+    findings = tuple(f.replace(text=named(f.text), action=named(f.action), parameter=rigid.names.get(
         f.parameter or "")) for f in found.findings)
     order = list(drive.quantities)
     return replace(found, drive=drive.with_values(values), covariance=covariance, findings=findings,
@@ -235,22 +235,22 @@ def as_drive_parameters(found: Estimate, drive: Drive, rigid: RigidDrive) -> Est
 def _as_drive_parameter(p: Parameter, drive: Drive, rigid: RigidDrive) -> Parameter:
     """A parameter of one body under the drive's name; the inertia less the rest."""
     name = rigid.names[p.name]
-    p = replace(p, name=name, unit=drive.unit(name), start=drive.values.get(name))
+    p = p.replace(name=name, unit=drive.unit(name), start=drive.values.get(name))
     if name != rigid.target:
         return p
     value = rigid.factor * (p.value - rigid.rest)
     if rigid.unknown:
         reason = f"{' and '.join(rigid.unknown)} not known; included in this value"
-        return replace(p, value=value).without_interval(reason, "not-identifiable")
+        return p.replace(value=value).without_interval(reason, "not-identifiable")
     if p.std is None:
-        return replace(p, value=value).without_interval(p.reason, p.status)
+        return p.replace(value=value).without_interval(p.reason, p.status)
     std = float(rigid.factor * np.hypot(p.std, np.sqrt(rigid.variance)))
     # From few recordings the interval is wider than that of a normal variable.
     half = std * (p.ci95[1] - p.ci95[0]) / (2.0 * p.std) if p.ci95 is not None else Z95 * std
     parts = {n: rigid.factor * v for n in ("std_structure", "std_between", "repeatability")
              if (v := getattr(p, n)) is not None}
     noise = None if p.std_noise is None else float(rigid.factor * np.hypot(p.std_noise, np.sqrt(rigid.variance)))
-    return replace(p, value=value, std=std, ci95=(max(value - half, 0.0), value + half), std_noise=noise, **parts)
+    return p.replace(value=value, std=std, ci95=(max(value - half, 0.0), value + half), std_noise=noise, **parts)
 
 
 def _covariance(found: Covariance | None, names: Mapping[str, str], rigid: RigidDrive) -> Covariance | None:

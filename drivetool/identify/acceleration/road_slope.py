@@ -111,8 +111,9 @@ def _with_mean(found: Estimate, names: Sequence[str], weights: np.ndarray, dista
     matrix = line @ covariance.matrix @ line.T
     matrix[-1, -1] += distance**2
     value, std = float(weights @ [found.drive.values[n] for n in names]), float(np.sqrt(matrix[-1, -1]))
-    idle = Parameter(IDLE_TORQUE, value, found.drive.unit(IDLE_TORQUE), found.drive.value(IDLE_TORQUE), std,
-                     (value - Z95 * std, value + Z95 * std), std_between=distance)
+    idle = Parameter(name=IDLE_TORQUE, value=value, unit=found.drive.unit(IDLE_TORQUE),
+                     start=found.drive.value(IDLE_TORQUE), std=std,
+                     ci95=(value - Z95 * std, value + Z95 * std), std_between=distance)
     values = {n: v for n, v in found.drive.values.items() if not record_of(n)} | {IDLE_TORQUE: value}
     lines = (*(p for p in found.parameters if not record_of(p.name) and p.name != IDLE_TORQUE), idle)
     return replace(found, drive=replace(found.drive, values=values, records={}), parameters=lines,

@@ -254,8 +254,8 @@ def _with_profile_interval(estimate: Estimate, name: str, found: Profile) -> Est
         new, finding = without_upper_limit(line, low)
         findings.append(finding)
     elif at_zero:
-        new = replace(line, std=None, ci95=(0.0, found.high), status="at-bound" if line.value <= 0.0 else "fitted",
-                      reason="not distinguishable from zero; the interval is one-sided")
+        new = line.replace(std=None, ci95=(0.0, found.high), status="at-bound" if line.value <= 0.0 else "fitted",
+                           reason="not distinguishable from zero; the interval is one-sided")
         findings.append(Finding(
             "note", "gap-not-significant",
             f"{name} is not distinguishable from zero; it is at most {found.high:.3g} {line.unit}.",
@@ -266,8 +266,8 @@ def _with_profile_interval(estimate: Estimate, name: str, found: Profile) -> Est
         structure = Z95 * (line.std_structure or 0.0)
         low = line.value - np.hypot(line.value - low, structure)
         high = line.value + np.hypot(found.high - line.value, structure)
-        new = replace(line, ci95=(max(low, 0.0), high), status="fitted",
-                      std=line.std if line.std is not None else (high - low) / (2.0 * Z95))
+        new = line.replace(ci95=(max(low, 0.0), high), status="fitted",
+                           std=line.std if line.std is not None else (high - low) / (2.0 * Z95))
     findings = without_not_identifiable_findings(findings, {name})
     curve = PlotData("profile", f"Profile likelihood of {name}", f"{name} [{line.unit}]",
                     "rise of -log likelihood", {
@@ -290,7 +290,7 @@ def without_ambiguous(estimate: Estimate, outcome: Outcome, gaps: Sequence[str])
         if lines[i].status != "fitted" or not others:
             continue
         low, high = min([value, *others]), max([value, *others])
-        lines[i] = replace(lines[i], std=None, ci95=None, status="not-identifiable",
+        lines[i] = lines[i].replace(std=None, ci95=None, status="not-identifiable",
                            reason=f"half gaps from {low:.3g} to {high:.3g} explain the record equally well")
         findings.append(Finding(
             "warning", "gap-ambiguous",
@@ -339,7 +339,7 @@ def _unopened_estimate(task: Task, drive: Drive, unopened: Sequence[str], closed
             {"least_shaft_torque": c.least, "largest_shaft_torque": c.most},
             "Record alternating torque steps larger than the idle torque.", g))
         value = drive.value(g) or 0.0
-        lines.append(Parameter(g, value, drive.unit(g), value, status="not-identifiable",
+        lines.append(Parameter(name=g, value=value, unit=drive.unit(g), start=value, status="not-identifiable",
                                reason="the gap was not opened in this record"))
     estimate = compose("backlash", drive, outcome, findings, known=options.known)
     kept = [p for p in estimate.parameters if p.name not in unopened]

@@ -195,15 +195,16 @@ def parameters(physical: PhysicalModel, numbers: Mapping[str, Dual], uncertainty
             line = _converted_parameter(physical, key, name, numbers[key], uncertainty.std(numbers[key]))
         else:
             value = float("nan") if start is None else start
-            line = Parameter(name, value, drive.unit(name), start, status="not-identifiable",
+            line = Parameter(name=name, value=value, unit=drive.unit(name), start=start, status="not-identifiable",
                              reason=lack or NOT_SEPARABLE_TEXT)
         if name in physical.options.hold:
             found = f"; the black box gives {line.value:.4g}" if line.status == "fitted" else ""
-            line = Parameter(name, drive.value(name), drive.unit(name), start, status="held",
+            line = Parameter(name=name, value=drive.value(name), unit=drive.unit(name), start=start, status="held",
                              reason=f"held at its value{found}; the other values do not depend on it")
         lines[name] = line
     for name, value in drive.values.items():
-        lines.setdefault(name, Parameter(name, float(value), drive.unit(name), float(value), status="held",
+        lines.setdefault(name, Parameter(name=name, value=float(value), unit=drive.unit(name), start=float(value),
+                                         status="held",
                                          reason="as given; not fitted in this step"))
     return tuple(lines[n] for n in drive.quantities if n in lines)
 
@@ -212,19 +213,19 @@ def _converted_parameter(
         physical: PhysicalModel, key: str, name: str, number: Dual, std: float | None) -> Parameter:
     """One converted value."""
     drive, value = physical.drive, float(number.v)
-    common = (drive.unit(name), drive.values.get(name))
+    line = Parameter(name=name, value=value, unit=drive.unit(name), start=drive.values.get(name))
     low, high = drive.quantity(name).bounds
     if key in ("damping", VISCOUS) and value <= 0.0:
         upper = (0.0, max(0.0, value + Z95_ONE_SIDED * std)) if std is not None else None
-        return Parameter(name, 0.0, *common, None, upper, "at-bound",
-                         f"estimated as {value:.4g}, but damping cannot be negative")
+        return line.replace(value=0.0, ci95=upper, status="at-bound",
+                            reason=f"estimated as {value:.4g}, but damping cannot be negative")
     if std is None:
-        return Parameter(name, value, *common, status="not-identifiable",
-                         reason="the record has no information on this parameter")
+        return line.replace(status="not-identifiable",
+                            reason="the record has no information on this parameter")
     if key != "offset" and std > value:
-        return Parameter(name, value, *common, status="not-identifiable",
-                         reason=f"its standard deviation ({std:.2g}) is larger than itself")
-    return Parameter(name, value, *common, std, (max(value - Z95 * std, low), min(value + Z95 * std, high)))
+        return line.replace(status="not-identifiable",
+                            reason=f"its standard deviation ({std:.2g}) is larger than itself")
+    return line.replace(std=std, ci95=(max(value - Z95 * std, low), min(value + Z95 * std, high)))
 
 
 def _covariance(physical: PhysicalModel, lines: tuple[Parameter, ...], numbers: Mapping[str, Dual],

@@ -61,7 +61,7 @@ def with_shaft_torque(estimate: Estimate, experiments: Sequence[Experiment], dri
     found = compose("blackbox", before, outcome, known=options.known)
     gaps = {n: drive.values[n] for n in shut if n in drive.values}
     values = {n: v for n, v in outcome.drive.values.items() if n not in shut} | gaps
-    lines = tuple(replace(p, value=gaps.get(p.name, p.value), start=gaps.get(p.name, p.start))
+    lines = tuple(p.replace(value=gaps.get(p.name, p.value), start=gaps.get(p.name, p.start))
                   for p in found.parameters if p.name not in shut or p.name in gaps)
     findings = (*(f for f in estimate.findings if f.code not in REPLACED_CODES),
                 *(f for f in found.findings if f.code != "held-values-dominate"))

@@ -113,7 +113,7 @@ def coast_down(experiments: Sequence[Experiment], drive: Drive, options: Options
         return result
     if scale.known:
         return as_drive_parameters(result, drive, rigid)
-    lines = tuple(replace(p, name=names[p.name], unit=drive.unit(names[p.name])) for p in lines)
+    lines = tuple(p.replace(name=names[p.name], unit=drive.unit(names[p.name])) for p in lines)
     return replace(result, drive=drive, parameters=lines)
 
 
@@ -297,23 +297,27 @@ def _parameter_lines(own: Drive, ended: Drive, free: Sequence[str], fitted: Coas
     for name in dict.fromkeys((INERTIA, *FRICTION, *free)):
         unit, initial = own.unit(name), own.values.get(name)
         if name in held:
-            lines.append(Parameter(name, own.value(name), unit, initial, status="held", reason="held by --hold"))
+            lines.append(Parameter(name=name, value=own.value(name), unit=unit, start=initial, status="held",
+                                   reason="held by --hold"))
         elif name not in free and name != INERTIA:
-            lines.append(Parameter(name, own.value(name) or 0.0, unit, initial, status="not-identifiable",
+            lines.append(Parameter(name=name, value=own.value(name) or 0.0, unit=unit, start=initial,
+                                   status="not-identifiable",
                                    reason="one direction only: included in the Coulomb friction"))
         elif not scale.known and (name == INERTIA or _has_torque_unit(ended, name)):
-            lines.append(Parameter(name, initial if initial is not None else np.nan, unit, initial,
+            lines.append(Parameter(name=name, value=initial if initial is not None else np.nan, unit=unit,
+                                   start=initial,
                                    status="not-identifiable",
                                    reason="without a torque only the ratio of friction to inertia is identifiable"))
         else:
             value, std = ended.values[name], fitted.std(name)
             low = ended.quantity(name).bounds[0]
             if unidentified(name, free, fitted):
-                lines.append(Parameter(name, value, unit, initial, status="not-identifiable",
+                lines.append(Parameter(name=name, value=value, unit=unit, start=initial, status="not-identifiable",
                                        reason="it has no significant effect on these coast-downs"))
                 continue
             lines.append(Parameter(
-                name, value, unit, initial, std, (max(value - Z95 * std, low), value + Z95 * std)))
+                name=name, value=value, unit=unit, start=initial, std=std,
+                ci95=(max(value - Z95 * std, low), value + Z95 * std)))
     return (*lines, *_electrical_parameters(own))
 
 
@@ -321,7 +325,8 @@ def _electrical_parameters(drive: Drive) -> list[Parameter]:
     """The values of an induction motor that were taken as known."""
     if not fed_by_voltages(drive):
         return []
-    return [Parameter(n, drive.value(n), drive.unit(n), drive.values.get(n), status="held", reason="taken as known")
+    return [Parameter(name=n, value=drive.value(n), unit=drive.unit(n), start=drive.values.get(n), status="held",
+                      reason="taken as known")
             for n in (name_of(drive.bodies[0], suffix) for suffix in INDUCTION.quantities)]
 
 

@@ -68,8 +68,8 @@ def ratio_lines(drive: Drive, free: Sequence[str], fitted: CoastDownFit) -> tupl
         if unidentified(name, free, fitted):
             continue
         found.append(Parameter(
-            ratio_name(name), value, ratio_unit(drive, name), None, std,
-            (max(value - Z95 * std, drive.quantity(name).bounds[0]), value + Z95 * std)))
+            name=ratio_name(name), value=value, unit=ratio_unit(drive, name), start=None, std=std,
+            ci95=(max(value - Z95 * std, drive.quantity(name).bounds[0]), value + Z95 * std)))
     return tuple(found)
 
 
@@ -104,7 +104,8 @@ def no_load_speed(
     slope = (net_torque(speed + SLOPE_STEP) - net_torque(speed - SLOPE_STEP)) / (2.0 * SLOPE_STEP)
     by, at = np.array([speed, 1.0]) / slope, [free.index(n) for n in names]
     std = float(np.sqrt(by @ fitted.covariance[np.ix_(at, at)] @ by))
-    return (Parameter("no_load_speed", speed, "rad/s", None, std, (speed - Z95 * std, speed + Z95 * std)),)
+    return (Parameter(name="no_load_speed", value=speed, unit="rad/s", start=None, std=std,
+                      ci95=(speed - Z95 * std, speed + Z95 * std)),)
 
 
 def ratio_covariance(drive: Drive, free: Sequence[str], fitted: CoastDownFit) -> dict[str, object]:

@@ -1,5 +1,6 @@
 from .derived_figures import derived_figures_of as derived_figures_of
 from .estimate import (
+    Z95 as Z95,
     Covariance as Covariance,
     Estimate as Estimate,
     FoundLaw as FoundLaw,
@@ -10,7 +11,6 @@ from .estimate import (
 )
 from .interval_and_status import (
     MAX_INFLATION as MAX_INFLATION,
-    Z95 as Z95,
     Z95_ONE_SIDED as Z95_ONE_SIDED,
     covariance_of as covariance_of,
     experiment_for as experiment_for,
@@ -27,4 +27,9 @@ from .rounding import (
     only_rounding as only_rounding,
     rounding_finding as rounding_finding,
 )
-from .sections import StartsSection as StartsSection
+from .sections import (
+    DerivedSection as DerivedSection,
+    LawSection as LawSection,
+    ParameterSection as ParameterSection,
+    StartsSection as StartsSection,
+)

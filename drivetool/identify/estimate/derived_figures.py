@@ -9,8 +9,7 @@ import numpy as np
 
 from drivetool.drive import Drive, resonances
 from drivetool.errors import DriveToolError
-from drivetool.identify.estimate.estimate import Covariance, Parameter
-from drivetool.identify.estimate.interval_and_status import Z95
+from drivetool.identify.estimate.estimate import Z95, Covariance, Parameter
 from drivetool.quantity import name_of, names_of, quantity_of, record_of
 
 RESONANCE_QUANTITIES = ("inertia", "carried_mass", "stiffness")
@@ -67,11 +66,12 @@ def derived_figures_of(drive: Drive, lines: Sequence[Parameter], covariance: Cov
         if unknown_of[k] or not MIN_RELATIVE_STD * abs(value) < np.sqrt(max(variance, 0.0)) < np.inf:
             reason = (f"it depends on {', '.join(unknown_of[k])}, for which there is no interval" if unknown_of[k]
                       else "none of its parameters was fitted in this step")
-            found.append(Parameter(name, value, unit, status="held", reason=reason))
+            found.append(Parameter(name=name, value=value, unit=unit, status="held", reason=reason))
             continue
         std = float(np.sqrt(variance))
         low = 0.0 if name.startswith(("coulomb_", "viscous_")) else -np.inf  # as the friction itself
-        found.append(Parameter(name, value, unit, None, std, (max(value - Z95 * std, low), value + Z95 * std)))
+        found.append(Parameter(name=name, value=value, unit=unit, start=None, std=std,
+                               ci95=(max(value - Z95 * std, low), value + Z95 * std)))
     return tuple(found)
 
 

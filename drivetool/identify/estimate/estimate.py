@@ -3,21 +3,20 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field, replace
-from typing import Literal
+from dataclasses import dataclass, field
 
 import numpy as np
 
 from drivetool.drive import Drive
 from drivetool.errors import Finding
-from drivetool.identify.estimate.sections import StartsSection
+from drivetool.identify.estimate.sections import LawSection, ParameterSection, StartsSection, Status
 from drivetool.logs import Source
+from drivetool.results import Number
 
-Status = Literal["fitted", "held", "at-bound", "not-identifiable"]
+Z95 = 1.959963984540054  # normal quantile of a two-sided 95 % interval
 
 
-@dataclass(frozen=True)
-class Parameter:
+class Parameter(ParameterSection, kw_only=True):
     """One line of the result table.
 
     value, start, std  in `unit`; std and ci95 are None where there is none, and then
@@ -31,33 +30,28 @@ class Parameter:
     name: str
     value: float
     unit: str
-    start: float | None = None
-    std: float | None = None
-    ci95: tuple[float, float] | None = None
     status: Status = "fitted"
-    reason: str = ""
-    std_noise: float | None = None
-    std_structure: float | None = None
-    std_between: float | None = None
-    repeatability: float | None = None
+    std_noise: Number = None
+    std_structure: Number = None
+    std_between: Number = None
+    repeatability: Number = None
 
     def without_interval(self, reason: str, status: Status | None = None) -> Parameter:
         """The same without an interval."""
-        return replace(self, std=None, ci95=None, std_noise=None, std_structure=None, std_between=None,
-                       repeatability=None, reason=reason, status=status or self.status)
+        return self.replace(std=None, ci95=None, std_noise=None, std_structure=None, std_between=None,
+                            repeatability=None, reason=reason, status=status or self.status)
 
 
-@dataclass(frozen=True)
-class FoundLaw:
-    """A torque that the motion predicts and the drive lacks.
+class FoundLaw(LawSection, kw_only=True):
+    """A torque that the motion predicts and the drive lacks; std of each factor."""
 
-    name     in words
-    factors  its size, root mean square in the torque's unit, one per column; std of each
-    """
+    std: list[float]
 
-    name: str
-    factors: tuple[float, ...]
-    std: tuple[float, ...]
+    @classmethod
+    def of(cls, name: str, factors: np.ndarray, std: np.ndarray) -> FoundLaw:
+        """The law of that name in words, with factors (k,) and their std (k,)."""
+        ends = zip((factors - Z95 * std).tolist(), (factors + Z95 * std).tolist(), strict=True)
+        return cls(name=name, factors=factors.tolist(), ci95=list(ends), std=std.tolist())
 
 
 @dataclass(frozen=True)

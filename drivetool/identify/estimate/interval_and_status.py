@@ -8,7 +8,7 @@ import numpy as np
 
 from drivetool.drive import TOTALS, Drive
 from drivetool.errors import Finding
-from drivetool.identify.estimate.estimate import Covariance, Parameter
+from drivetool.identify.estimate.estimate import Z95, Covariance, Parameter
 from drivetool.identify.problem import Normal, Problem, Solution, blocked_by_bounds, schur
 from drivetool.quantity import name_of, quantity_of, record_of, shared
 
@@ -18,7 +18,6 @@ MAX_INFLATION = 1e4
 # Standard deviations beyond its bound at which the likelihood has its peak. A choice, the usual significance: with
 # less the bound does not press on the parameter.
 MIN_BOUND_PUSH = 2.0
-Z95 = 1.959963984540054  # normal quantile of a two-sided 95 % interval
 Z95_ONE_SIDED = 1.645  # normal quantile of a one-sided 95 % interval, rounded
 
 
@@ -91,28 +90,27 @@ def parameters_of(problem: Problem, solution: Solution, before: Drive, after: Dr
         value = float(solution.point.values[j])
         std = float(np.sqrt(covariance[j, j])) if np.isfinite(covariance[j, j]) else None
         low, high = problem.low[j], problem.high[j]
-        common = (name, value, after.unit(name), before.known_value(name))
+        line = Parameter(name=name, value=value, unit=after.unit(name), start=before.known_value(name))
         identified = std is not None and is_identifiable(value, std, inflation[j], before, name)
         if not free[j] or (on_bound[j] and identified):
             upper = _one_sided_distance(problem, solution, j)
             limit = (float(low), float(min(low + upper, high))) if value <= low else (
                 float(max(high - upper, low)), float(high))
-            lines[name] = Parameter(*common, None, limit, "at-bound",
-                                    why_on_bound(value))
+            lines[name] = line.replace(ci95=limit, status="at-bound", reason=why_on_bound(value))
         elif not identified:
             partners = correlated_with(covariance, problem.names, j) if np.isfinite(inflation[j]) else [
                 n for i, n in enumerate(problem.names) if i != j and free[i] and not np.isfinite(inflation[i])]
             reason = why_not_identifiable(name, partners, after)
-            lines[name] = Parameter(*common, None, None, "not-identifiable", reason)
+            lines[name] = line.replace(status="not-identifiable", reason=reason)
             findings.append(Finding(
                 "warning", "not-identifiable", f"{name} is not identifiable from this record: {reason}.",
                 {"value": value, **({"std": std} if std is not None else {})}, experiment_for(name, after),
                 parameter=None if name in after.known_torques else name))  # the factor of a law is none of a drive
         else:
             ci = (max(value - Z95 * std, float(low)), min(value + Z95 * std, float(high)))
-            lines[name] = Parameter(*common, std, ci, "fitted")
+            lines[name] = line.replace(std=std, ci95=ci)
     for name, value in after.values.items():
-        lines.setdefault(name, Parameter(name, float(value), after.unit(name), float(value),
+        lines.setdefault(name, Parameter(name=name, value=float(value), unit=after.unit(name), start=float(value),
                                          status="held", reason=_why_held(name)))
     order = [n for n in after.quantities if n in lines]
     fitted = [j for j, n in enumerate(problem.names) if lines[n].status == "fitted"]

@@ -83,12 +83,11 @@ def _unidirectional_idle_torque(lines: Sequence[Parameter], task: Task,
             if (drive.value(n) or 0.0) > 0.0 and n not in task.free and n not in known]
     if not held or reverses(task.experiments):
         return tuple(lines)
-    return tuple(replace(
-        p, std=None, ci95=None,
-        reason=f"identifiable only jointly with {' and '.join(held)}, held at "
-               f"{drive.referred_to_motor('coulomb'):.4g} referred "
-               f"to the motor; std of their sum {p.std:.2g}")
-        if quantity_of(p.name) == "idle_torque" and p.std is not None else p for p in lines)
+    return tuple(p.replace(std=None, ci95=None,
+                           reason=f"identifiable only jointly with {' and '.join(held)}, held at "
+                           f"{drive.referred_to_motor('coulomb'):.4g} referred "
+                           f"to the motor; std of their sum {p.std:.2g}")
+                 if quantity_of(p.name) == "idle_torque" and p.std is not None else p for p in lines)
 
 
 def _lumped_friction_line(line: Parameter, task: Task) -> Parameter:
@@ -100,10 +99,10 @@ def _lumped_friction_line(line: Parameter, task: Task) -> Parameter:
         return line
     last, others = drive.bodies[-1], " and ".join(between)
     if body in between and line.std is None:
-        return replace(line, reason=f"contained in the value of {last}; the record identifies only their sum")
+        return line.replace(reason=f"contained in the value of {last}; the record identifies only their sum")
     if body == last and line.std is not None:
-        return replace(line, std=None, ci95=None, reason=f"includes the friction of {others}, which the record "
-                                                         f"does not distinguish; std of their sum {line.std:.2g}")
+        return line.replace(std=None, ci95=None, reason=f"includes the friction of {others}, which the record "
+                            f"does not distinguish; std of their sum {line.std:.2g}")
     return line
 
 

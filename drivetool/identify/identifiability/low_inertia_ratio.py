@@ -107,7 +107,7 @@ def with_low_inertia_findings(estimate: Estimate, outcome: Outcome, gaps: Sequen
             "Hold accurately known values with --hold.")
     elif again_free is None:
         reason = "the load's inertia is too low to identify it from the motor alone"
-        lines = tuple(replace(p, std=None, ci95=None, reason=reason)
+        lines = tuple(p.replace(std=None, ci95=None, reason=reason)
                       if p.name in gaps and p.status == "fitted" else p for p in lines)
         finding = Finding(
             "warning", "low-inertia-ratio",

@@ -105,8 +105,8 @@ def _with_half_gap(wide: Outcome, gap: str, value: float, task: Task) -> Outcome
 
 def without_upper_limit(line: Parameter, low: float) -> tuple[Parameter, Finding]:
     """The line of a half gap without upper limit, and the finding."""
-    new = replace(line, std=None, ci95=None, status="not-identifiable",
-                  reason="the likelihood is flat towards larger gaps")
+    new = line.replace(std=None, ci95=None, status="not-identifiable",
+                       reason="the likelihood is flat towards larger gaps")
     return new, Finding("warning", "gap-unbounded", f"{line.name} has no upper limit in this record.",
                         {"at_least": low}, "Record torque steps that cross the gap both ways.", line.name)
 

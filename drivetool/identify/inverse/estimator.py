@@ -142,7 +142,7 @@ def _found_laws(fit: InverseFit) -> tuple[FoundLaw, ...]:
     found, k, std = [], len(fit.at.own), np.sqrt(np.diag(fit.covariance))
     for law in fit.at.laws[0]:
         part = slice(k, k + law.size)
-        found.append(FoundLaw(law.name, tuple(fit.values[part].tolist()), tuple(std[part].tolist())))
+        found.append(FoundLaw.of(law.name, fit.values[part], std[part]))
         k += law.size
     return tuple(found)
 
@@ -257,11 +257,11 @@ def _parameter_lines(fit: InverseFit, before: Drive, after: Drive, line: np.ndar
             j, value = own.index(p.name), after.values[p.name]
             std = float(np.hypot(np.sqrt(max(noise[j, j], 0.0)), structure[j]))
             lowest, highest = after.quantity(p.name).bounds
-            p = replace(p, value=value, std=std, std_noise=float(np.sqrt(max(noise[j, j], 0.0))),
-                        std_structure=float(structure[j]),
-                        ci95=(max(value - Z95 * std, lowest), min(value + Z95 * std, highest)))
+            p = p.replace(value=value, std=std, std_noise=float(np.sqrt(max(noise[j, j], 0.0))),
+                          std_structure=float(structure[j]),
+                          ci95=(max(value - Z95 * std, lowest), min(value + Z95 * std, highest)))
             fitted.append(j)
-        found.append(replace(p, value=after.values.get(p.name, p.value)))
+        found.append(p.replace(value=after.values.get(p.name, p.value)))
     matrix = (noise + np.diag(structure**2))[np.ix_(fitted, fitted)]
     covariance = Covariance(tuple(own[j] for j in fitted), matrix) if fitted else None
     return tuple(found), covariance, tuple(f for f in findings if not any(n in f.text for n in drive.known_torques))

@@ -195,8 +195,7 @@ def _explains_nothing_finding(error: float, straight: float) -> Finding:
 
 def _held_out_finding(error: float, straight: float) -> Finding:
     """The same for held-out parts."""
-    return replace(
-        _explains_nothing_finding(error, straight),
+    return _explains_nothing_finding(error, straight).replace(
         text="The logged torque does not explain the held-out parts of the record: the error of free runs there is "
              f"{error / straight:.2f} times that of a constant acceleration. {WRONG_MODEL}")
 
@@ -209,8 +208,7 @@ def _inertia_at_lower_bound(own: Task) -> bool:
 
 def _no_inertia_finding(error: float, straight: float) -> Finding:
     """The same for a torque that accelerates no inertia."""
-    return replace(
-        _explains_nothing_finding(error, straight),
+    return _explains_nothing_finding(error, straight).replace(
         text=f"The estimated inertia is at its lower bound, and the fit is poor. {WRONG_MODEL}")
 
 
@@ -306,7 +304,7 @@ def _found_laws(field: CandidateSet, c: Candidate) -> tuple[FoundLaw, ...]:
     found, k = [], 0
     for law in field.laws:
         part = slice(k, k + law.size)
-        found.append(FoundLaw(law.name, tuple(c.factors[part].tolist()), tuple(std[part].tolist())))
+        found.append(FoundLaw.of(law.name, c.factors[part], std[part]))
         k += law.size
     return tuple(found)
 
@@ -384,17 +382,17 @@ def with_total_uncertainty(lines: Sequence[Parameter], e: Explanation,
         value, std = float(e.own.drive.values[p.name]), float(np.sqrt(e.covariance[j, j]))
         low, high = e.own.drive.quantity(p.name).bounds
         if p.status not in ("fitted", "at-bound") or (p.status == "at-bound" and value in (low, high)):
-            found.append(replace(p, value=value))
+            found.append(p.replace(value=value))
             continue
         if value in (low, high):
             half_width = Z95_ONE_SIDED * std
             ci = (low, min(low + half_width, high)) if value == low else (max(high - half_width, low), high)
-            found.append(replace(p, value=value, std=None, ci95=ci, status="at-bound", reason=why_on_bound(value)))
+            found.append(p.replace(value=value, std=None, ci95=ci, status="at-bound", reason=why_on_bound(value)))
             continue
-        p = replace(p, status="fitted", reason="")
+        p = p.replace(status="fitted", reason="")
         ci = (max(value - Z95 * std, low), min(value + Z95 * std, high))
-        found.append(replace(p, value=value, std=std, ci95=ci, std_noise=float(e.std_noise[j]),
-                             std_structure=float(e.std_structure[j]) if e.asked is None or e.asked[j] else None))
+        found.append(p.replace(value=value, std=std, ci95=ci, std_noise=float(e.std_noise[j]),
+                               std_structure=float(e.std_structure[j]) if e.asked is None or e.asked[j] else None))
         kept.append(j)
     names = tuple(e.own.free[j] for j in kept)
     return tuple(found), Covariance(names, e.covariance[np.ix_(kept, kept)]) if kept else None

@@ -170,8 +170,8 @@ def with_scatter(lines: Sequence[Parameter], covariance: Covariance | None, name
         half = half_width(std, float(np.sqrt(repeats.between[j, j])), float(repeats.count[j]))
         low, high = drive.quantity(p.name).bounds
         added[p.name] = more
-        found.append(replace(p, std=std, ci95=(max(p.value - half, low), min(p.value + half, high)),
-                             std_between=more, repeatability=float(repeats.scatter[j])))
+        found.append(p.replace(std=std, ci95=(max(p.value - half, low), min(p.value + half, high)),
+                               std_between=more, repeatability=float(repeats.scatter[j])))
         if repeats.p[j] < MACHINE_SCATTER_SIGNIFICANCE / len(names):
             reported[p.name] = f"{p.name} by {repeats.scatter[j]:.2g} {p.unit}".rstrip(), float(repeats.scatter[j])
     if covariance is not None:

@@ -56,20 +56,21 @@ def line_parameter(name: str, key: str, task: LineTask, points: SteadyPoints, li
         start = task.start.get(key)
     if key in line.at_bound:
         free, std = line.at_bound[key]
-        return Parameter(name, 0.0, unit, start, ci95=(0.0, max(0.0, free + line.quantile * std)),
+        return Parameter(name=name, value=0.0, unit=unit, start=start,
+                         ci95=(0.0, max(0.0, free + line.quantile * std)),
                          status="at-bound",
                          reason=f"estimated as {free:.4g} +- {std:.2g} {unit}; friction cannot be negative")
     if key in line.conditional:
-        return Parameter(name, value, unit, start, status="not-identifiable",
+        return Parameter(name=name, value=value, unit=unit, start=start, status="not-identifiable",
                          reason=_why_not_identifiable(key, points, line))
     if key not in line.free:
-        return Parameter(name, value, unit, start, status="not-identifiable",
+        return Parameter(name=name, value=value, unit=unit, start=start, status="not-identifiable",
                          reason="one direction only: included in the idle torque; steady running in both "
                          "directions separates them")
     at = line.free.index(key)
     std = float(np.sqrt(line.covariance[at, at]))
     half = line.quantile * std
-    return Parameter(name, value, unit, start, std, (value - half, value + half))
+    return Parameter(name=name, value=value, unit=unit, start=start, std=std, ci95=(value - half, value + half))
 
 
 def _why_not_identifiable(key: str, points: SteadyPoints, line: FrictionLine) -> str:

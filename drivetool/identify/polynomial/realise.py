@@ -167,25 +167,28 @@ def chain_parameters(drive: Drive, found: Mapping[str, tuple[float, float | None
     lines = {}
     for name, (value, std) in found.items():
         start, (low, high) = drive.values.get(name), drive.quantity(name).bounds
-        common = (name, value, drive.unit(name), start)
+        line = Parameter(name=name, value=value, unit=drive.unit(name), start=start)
         if name in hold:
-            lines[name] = Parameter(name, drive.value(name), drive.unit(name), start, status="held",
+            lines[name] = Parameter(name=name, value=drive.value(name), unit=drive.unit(name), start=start,
+                                    status="held",
                                     reason=f"held at its value; the black box gives {value:.4g}")
         elif not low <= value <= high:
             upper = None if std is None else (low, max(low, value + Z95_ONE_SIDED * std))
-            lines[name] = Parameter(name, low, drive.unit(name), start, None, upper, "at-bound",
-                                    f"came out as {value:.4g}, which is not physical")
+            lines[name] = Parameter(name=name, value=low, unit=drive.unit(name), start=start, std=None, ci95=upper,
+                                    status="at-bound",
+                                    reason=f"came out as {value:.4g}, which is not physical")
         elif std is None:
-            lines[name] = Parameter(*common, reason="a start value: from resonances and notches without damping")
+            lines[name] = line.replace(reason="a start value: from resonances and notches without damping")
         elif std > abs(value):
-            lines[name] = Parameter(*common, status="not-identifiable",
-                                    reason=f"its standard deviation ({std:.2g}) is larger than itself")
+            lines[name] = line.replace(status="not-identifiable",
+                                       reason=f"its standard deviation ({std:.2g}) is larger than itself")
         else:
             ci = (max(value - Z95 * std, low), min(value + Z95 * std, high))
-            lines[name] = Parameter(*common, std, ci)
+            lines[name] = line.replace(std=std, ci95=ci)
     for name, value in drive.values.items():
         if name in TOTALS and any(n in found for n in names_of(drive.bodies, TOTALS[name])):
             continue  # its parts take its place
-        lines.setdefault(name, Parameter(name, float(value), drive.unit(name), float(value), status="held",
+        lines.setdefault(name, Parameter(name=name, value=float(value), unit=drive.unit(name), start=float(value),
+                                         status="held",
                                          reason="as given; not fitted in this step"))
     return tuple(lines[n] for n in drive.quantities if n in lines)

@@ -7,7 +7,7 @@ the record it was fitted on is not identified.
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 
 import numpy as np
 
@@ -277,7 +277,7 @@ def _comparison_findings(models: Sequence[FittedStructure],
                          cross: Mapping[tuple[str, str, str], float | None]) -> list[Finding]:
     found = []
     for m in models:
-        found += [replace(f, text=f"{m.structure} on {m.record}: {f.text}") for f in m.findings]
+        found += [f.replace(text=f"{m.structure} on {m.record}: {f.text}") for f in m.findings]
         if m.failure or m.unstable:
             what = m.failure or "the model is unstable and is not simulated"
             found.append(Finding("warning", "unstable-estimate" if m.unstable else "no-fit",

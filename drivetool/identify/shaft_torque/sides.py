@@ -122,5 +122,5 @@ def with_friction_of_file(estimate: Estimate, outcome: Outcome, options: Options
 
 def _with_std(line: Parameter, std: float) -> Parameter:
     """A held value with its uncertainty."""
-    return replace(line, std=std, ci95=(line.value - Z95 * std, line.value + Z95 * std),
-                   reason="as in the file: this record does not identify it")
+    return line.replace(std=std, ci95=(line.value - Z95 * std, line.value + Z95 * std),
+                        reason="as in the file: this record does not identify it")

@@ -185,7 +185,8 @@ def _steady_estimate(experiments: Sequence[Experiment], drive: Drive, options: O
         findings += coulomb_body_findings(task, drive)
     findings += _magnitude_findings(experiments)
     parameters += [
-        Parameter(name, drive.value(name), drive.unit(name), drive.values.get(name), status="held",
+        Parameter(name=name, value=drive.value(name), unit=drive.unit(name), start=drive.values.get(name),
+                  status="held",
                   reason="held by --hold")
         for name in drive.quantities if name in options.hold and quantity_of(name) in LINE_KEYS]
     order = list(drive.quantities)
