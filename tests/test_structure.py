@@ -18,7 +18,7 @@ LOWER["files"] = LOWER["check"] | {"check", "tune"}
 LOWER["site"] = LOWER["files"] | {"files"}
 LOWER["cli"] = LOWER["site"] | {"site"}
 LOWER["__main__"] = {"cli"}
-LOWER["errors"] = {"finding_codes"}
+LOWER["errors"] = {"finding_codes", "results"}
 LOWER["finding_codes"] = LOWER["quantity"] = LOWER["progress"] = LOWER["results"] = LOWER["__init__"] = set()
 FREE = {"numpy", "scipy", "drivetool", "msgspec", "lazy_loader"} | set(sys.stdlib_module_names)
 FENCED = {"logs": {"mcap", "pyarrow", "lz4", "zstandard"}, "tune": {"control", "numba"},
