@@ -15,14 +15,16 @@ from drivetool.drive import Drive, Dual
 from drivetool.identify.blackbox.blackbox_findings import blackbox_findings, bode, converted_run, why_no_shaft
 from drivetool.identify.blackbox.transfer import VISCOUS, TransferForm, to_physical, why_impossible
 from drivetool.identify.estimate import (
-    Z95,
     Z95_ONE_SIDED,
     Covariance,
     Estimate,
     Parameter,
     covariance_of,
     fit_percent,
+    held_line,
     held_uncertainty,
+    line_of,
+    whole_table,
 )
 from drivetool.identify.noise import filtered
 from drivetool.identify.outcome import (
@@ -188,44 +190,34 @@ def _known_coulomb(drive: Drive, outcome: Outcome) -> float:
 def parameters(physical: PhysicalModel, numbers: Mapping[str, Dual], uncertainty: Uncertainty,
                lack: str) -> tuple[Parameter, ...]:
     """One line per value of the drive."""
-    drive, lines = physical.drive, {}
+    drive, lines = physical.drive, []
     for key, name in physical.names.items():
-        start = drive.values.get(name)
         if key in numbers:
             line = _converted_parameter(physical, key, name, numbers[key], uncertainty.std(numbers[key]))
         else:
-            value = float("nan") if start is None else start
-            line = Parameter(name=name, value=value, unit=drive.unit(name), start=start, status="not-identifiable",
-                             reason=lack or NOT_SEPARABLE_TEXT)
+            line = line_of(drive, name, drive.values.get(name, float("nan"))).without_interval(
+                lack or NOT_SEPARABLE_TEXT, "not-identifiable")
         if name in physical.options.hold:
             found = f"; the black box gives {line.value:.4g}" if line.status == "fitted" else ""
-            line = Parameter(name=name, value=drive.value(name), unit=drive.unit(name), start=start, status="held",
-                             reason=f"held at its value{found}; the other values do not depend on it")
-        lines[name] = line
-    for name, value in drive.values.items():
-        lines.setdefault(name, Parameter(name=name, value=float(value), unit=drive.unit(name), start=float(value),
-                                         status="held",
-                                         reason="as given; not fitted in this step"))
-    return tuple(lines[n] for n in drive.quantities if n in lines)
+            line = held_line(drive, name, f"held at its value{found}; the other values do not depend on it")
+        lines.append(line)
+    return whole_table(lines, drive)
 
 
 def _converted_parameter(
         physical: PhysicalModel, key: str, name: str, number: Dual, std: float | None) -> Parameter:
     """One converted value."""
-    drive, value = physical.drive, float(number.v)
-    line = Parameter(name=name, value=value, unit=drive.unit(name), start=drive.values.get(name))
-    low, high = drive.quantity(name).bounds
+    value, drive = float(number.v), physical.drive
+    line = line_of(drive, name, value)
     if key in ("damping", VISCOUS) and value <= 0.0:
-        upper = (0.0, max(0.0, value + Z95_ONE_SIDED * std)) if std is not None else None
-        return line.replace(value=0.0, ci95=upper, status="at-bound",
-                            reason=f"estimated as {value:.4g}, but damping cannot be negative")
+        return line.beyond_bound(0.0, None if std is None else Z95_ONE_SIDED * std,
+                                 f"estimated as {value:.4g}, but damping cannot be negative")
     if std is None:
-        return line.replace(status="not-identifiable",
-                            reason="the record has no information on this parameter")
+        return line.without_interval("the record has no information on this parameter", "not-identifiable")
     if key != "offset" and std > value:
-        return line.replace(status="not-identifiable",
-                            reason=f"its standard deviation ({std:.2g}) is larger than itself")
-    return line.replace(std=std, ci95=(max(value - Z95 * std, low), min(value + Z95 * std, high)))
+        return line.without_interval(f"its standard deviation ({std:.2g}) is larger than itself",
+                                     "not-identifiable")
+    return line.with_interval(std, drive.quantity(name).bounds)
 
 
 def _covariance(physical: PhysicalModel, lines: tuple[Parameter, ...], numbers: Mapping[str, Dual],

@@ -31,7 +31,7 @@ from drivetool.identify.coast_down.report import (
 )
 from drivetool.identify.coast_down.stages import JointFit, fit_in_stages
 from drivetool.identify.coast_down.stretches import Stretch, stretches_of
-from drivetool.identify.estimate import Z95, Covariance, Estimate, Parameter
+from drivetool.identify.estimate import Covariance, Estimate, Parameter, held_line, line_of, with_intervals_only
 from drivetool.identify.setup import Options, fed_by_voltages
 from drivetool.logs import Experiment, recording_sources
 from drivetool.quantity import name_of, quantity_of, record_of
@@ -81,8 +81,8 @@ def coast_down(experiments: Sequence[Experiment], drive: Drive, options: Options
     held = {n for n, whole in names.items() if whole in options.hold}
     own = _one_body(drive, rigid, held) if rigid else drive
     both = len({_direction(r) for r in runs}) == 2
-    prior = _prior(own, options.known, held, {v: k for k, v in names.items()}).of(
-        (INERTIA, *(FRICTION if both else FRICTION[:2])))
+    fitted_by = {v: k for k, v in names.items() if k not in held and (k != FRICTION[2] or both)}
+    prior = _prior(own, options.known, fitted_by)
     scale = _scale(own, stretches, held, prior, options.free)
     start = _with_start_values(own, runs, stretches, scale, held)
     free = [n for n in (INERTIA, *FRICTION)
@@ -93,12 +93,11 @@ def coast_down(experiments: Sequence[Experiment], drive: Drive, options: Options
     ended = start.with_values(fitted.found)
     tested, further = _law_test(ended, runs, prior, fitted, spread.first)
     lines = _parameter_lines(own, ended, free, fitted, scale, held, both)
-    identified = [i for i, n in enumerate(free) if any(p.name == n and p.std is not None for p in lines)]
     values = {p.name: p.value for p in lines if np.isfinite(p.value)}
     result = Estimate(
         step="steady", drive=own.with_values(values), parameters=lines,
         outcome=outcome_text(stretches, experiments, scale.by), fit=fit_figures(fitted, stretches),
-        covariance=_covariance(free, identified, fitted),
+        covariance=with_intervals_only(Covariance(fitted.names, fitted.covariance), lines),
         details={"scale": list(scale.by), "spans": _stretch_details(stretches, experiments),
                  "sensor": _sensor_details(fitted)} | (
             {} if scale.known else {"ratio_covariance": ratio_covariance(ended, free, fitted)}),
@@ -143,12 +142,6 @@ def flux_decay(drive: Drive) -> float:
     return FLUX_TIME_CONSTANTS * side / drive.value("motor.rotor_resistance")
 
 
-def _covariance(free: Sequence[str], identified: Sequence[int], fitted: CoastDownFit) -> Covariance | None:
-    """Of the parameters that have intervals."""
-    return Covariance(tuple(free[i] for i in identified),
-                      fitted.covariance[np.ix_(identified, identified)]) if identified else None
-
-
 def _one_body(drive: Drive, rigid: RigidDrive, held: set[str]) -> Drive:
     """The whole drive as one body, with its known values."""
     known = {n: drive.values[whole] for n, whole in rigid.names.items() if n != INERTIA and whole in drive.values}
@@ -156,14 +149,13 @@ def _one_body(drive: Drive, rigid: RigidDrive, held: set[str]) -> Drive:
         known | {n: held_value(n, drive, rigid) for n in held})
 
 
-def _prior(drive: Drive, known: Covariance | None, held: set[str], own: Mapping[str, str]) -> Prior:
-    """The prior of inertia and friction from parameter files, by the names of one body."""
-    at = [i for i, n in enumerate(known.names) if own.get(n) in (INERTIA, *FRICTION)] if known else []
-    at = [i for i in at if own[known.names[i]] not in held and drive.values.get(own[known.names[i]]) is not None]
-    if not at:
+def _prior(drive: Drive, known: Covariance | None, own: Mapping[str, str]) -> Prior:
+    """The prior of inertia and friction from parameter files; own: their names there -> those of one body."""
+    found = known and known.part(n for n in known.names if n in own and drive.values.get(own[n]) is not None)
+    if found is None:
         return NO_PRIOR
-    names = tuple(own[known.names[i]] for i in at)
-    return Prior(names, np.array([drive.values[n] for n in names]), known.matrix[np.ix_(at, at)])
+    names = tuple(own[n] for n in found.names)
+    return Prior(names, np.array([drive.values[n] for n in names]), found.matrix)
 
 
 def _scale(drive: Drive, stretches: Sequence[Stretch], held: set[str], prior: Prior, free: Sequence[str]) -> Scale:
@@ -295,29 +287,22 @@ def _parameter_lines(own: Drive, ended: Drive, free: Sequence[str], fitted: Coas
     """Inertia and friction, with intervals where a scale is known; parameters that need no scale always."""
     lines = []
     for name in dict.fromkeys((INERTIA, *FRICTION, *free)):
-        unit, initial = own.unit(name), own.values.get(name)
+        reason = ""
         if name in held:
-            lines.append(Parameter(name=name, value=own.value(name), unit=unit, start=initial, status="held",
-                                   reason="held by --hold"))
+            line = held_line(own, name, "held by --hold")
         elif name not in free and name != INERTIA:
-            lines.append(Parameter(name=name, value=own.value(name) or 0.0, unit=unit, start=initial,
-                                   status="not-identifiable",
-                                   reason="one direction only: included in the Coulomb friction"))
+            line = line_of(own, name, own.value(name) or 0.0)
+            reason = "one direction only: included in the Coulomb friction"
         elif not scale.known and (name == INERTIA or _has_torque_unit(ended, name)):
-            lines.append(Parameter(name=name, value=initial if initial is not None else np.nan, unit=unit,
-                                   start=initial,
-                                   status="not-identifiable",
-                                   reason="without a torque only the ratio of friction to inertia is identifiable"))
+            line = line_of(own, name, own.values.get(name, np.nan))
+            reason = "without a torque only the ratio of friction to inertia is identifiable"
+        elif unidentified(name, free, fitted):
+            line = line_of(own, name, ended.values[name])
+            reason = "it has no significant effect on these coast-downs"
         else:
-            value, std = ended.values[name], fitted.std(name)
-            low = ended.quantity(name).bounds[0]
-            if unidentified(name, free, fitted):
-                lines.append(Parameter(name=name, value=value, unit=unit, start=initial, status="not-identifiable",
-                                       reason="it has no significant effect on these coast-downs"))
-                continue
-            lines.append(Parameter(
-                name=name, value=value, unit=unit, start=initial, std=std,
-                ci95=(max(value - Z95 * std, low), value + Z95 * std)))
+            line = line_of(own, name, ended.values[name]).with_interval(
+                fitted.std(name), (ended.quantity(name).bounds[0], np.inf))
+        lines.append(line.without_interval(reason, "not-identifiable") if reason else line)
     return (*lines, *_electrical_parameters(own))
 
 
@@ -325,9 +310,8 @@ def _electrical_parameters(drive: Drive) -> list[Parameter]:
     """The values of an induction motor that were taken as known."""
     if not fed_by_voltages(drive):
         return []
-    return [Parameter(name=n, value=drive.value(n), unit=drive.unit(n), start=drive.values.get(n), status="held",
-                      reason="taken as known")
-            for n in (name_of(drive.bodies[0], suffix) for suffix in INDUCTION.quantities)]
+    return [held_line(drive, n, "taken as known") for n in (
+        name_of(drive.bodies[0], suffix) for suffix in INDUCTION.quantities)]
 
 
 def _sensor_details(fitted: CoastDownFit) -> list[dict[str, float | str]]:

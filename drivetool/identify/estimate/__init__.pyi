@@ -18,8 +18,14 @@ from .interval_and_status import (
     inverted as inverted,
     parameters_of as parameters_of,
     sensitivity_to_held as sensitivity_to_held,
-    why_on_bound as why_on_bound,
     without_not_identifiable_findings as without_not_identifiable_findings,
+)
+from .lines import (
+    held_line as held_line,
+    in_order as in_order,
+    line_of as line_of,
+    whole_table as whole_table,
+    with_intervals_only as with_intervals_only,
 )
 from .percent import fit_percent as fit_percent, fit_text as fit_text
 from .rounding import (

@@ -225,8 +225,7 @@ def _held_value_covariance(fit: InverseFit, known: Covariance | None) -> np.ndar
         return np.zeros_like(fit.covariance)
     slopes = replace(fit.at, free=tuple(names)).rows()
     gain = fit.inverse @ sum(r.instruments.T @ s.slopes for r, s in zip(fit.rows, slopes, strict=True))
-    index = [known.names.index(n) for n in names]
-    return gain @ known.matrix[np.ix_(index, index)] @ gain.T
+    return gain @ known.part(names).matrix @ gain.T
 
 
 def _parameter_lines(fit: InverseFit, before: Drive, after: Drive, line: np.ndarray, held: np.ndarray,
@@ -249,21 +248,19 @@ def _parameter_lines(fit: InverseFit, before: Drive, after: Drive, line: np.ndar
     parts[range(len(own)), range(len(own))] = structure**2
     extra = np.where(off_bound[:, None] & off_bound & np.isfinite(plain), noise + parts - plain, 0.0)
     lines, _, findings = parameters_of(problem, solution, drive, fit.at.drive, extra)
-    noise, found, fitted = line @ noise @ line.T, [], []
+    noise, found = line @ noise @ line.T, []
     for p in lines:
         if p.name in drive.known_torques:
             continue
         if p.status == "fitted" and p.name in own:
-            j, value = own.index(p.name), after.values[p.name]
-            std = float(np.hypot(np.sqrt(max(noise[j, j], 0.0)), structure[j]))
-            lowest, highest = after.quantity(p.name).bounds
-            p = p.replace(value=value, std=std, std_noise=float(np.sqrt(max(noise[j, j], 0.0))),
-                          std_structure=float(structure[j]),
-                          ci95=(max(value - Z95 * std, lowest), min(value + Z95 * std, highest)))
-            fitted.append(j)
+            j = own.index(p.name)
+            by_noise = np.sqrt(max(noise[j, j], 0.0))
+            p = p.replace(value=after.values[p.name]).with_interval(
+                float(np.hypot(by_noise, structure[j])), after.quantity(p.name).bounds, std_noise=float(by_noise),
+                std_structure=float(structure[j]))
         found.append(p.replace(value=after.values.get(p.name, p.value)))
-    matrix = (noise + np.diag(structure**2))[np.ix_(fitted, fitted)]
-    covariance = Covariance(tuple(own[j] for j in fitted), matrix) if fitted else None
+    covariance = Covariance(tuple(own), noise + np.diag(structure**2)).part(
+        [p.name for p in found if p.name in own and p.std is not None])
     return tuple(found), covariance, tuple(f for f in findings if not any(n in f.text for n in drive.known_torques))
 
 

@@ -21,6 +21,7 @@ from drivetool.identify.estimate import (
     parameters_of,
     rounding_finding,
     sensitivity_to_held,
+    with_intervals_only,
     without_intervals,
 )
 from drivetool.identify.fit import free_run, looks_coloured
@@ -128,7 +129,8 @@ def _parameter_lines(before: Drive, own: Task, outcome: Outcome, known: Covarian
     if only_ratios(outcome):
         lines, ratios = without_torque_intervals(lines, outcome)
         findings, more = (), [*more, ratios]
-    lines, covariance = without_joint_intervals(lines, covariance, own, known)
+    lines = without_joint_intervals(lines, own, known)
+    covariance = with_intervals_only(covariance, lines)
     if not_converged(outcome):
         lines, covariance, more = without_intervals(lines), None, [*more, _not_converged_finding(outcome)]
     if explanation is not None and explanation.torque_explains_nothing:
@@ -159,9 +161,8 @@ def inconsistent_with_prior(known: Covariance | None, before: Drive, after: Driv
         shares = np.array([after.referred_share(n) if len(parts) > 1 else 1.0 for n in parts])
         if was not in before.values or not set(parts) <= set(now.names):
             continue
-        index = [now.names.index(n) for n in parts]
         value = float(shares @ [after.values[n] for n in parts])
-        total = std**2 + float(shares @ now.matrix[np.ix_(index, index)] @ shares)
+        total = std**2 + float(shares @ now.part(parts).matrix @ shares)
         z = (value - before.values[was]) / np.sqrt(total)
         friction = own_sides and quantity_of(was) in TOTALS.values()
         if abs(z) > (MAX_FRICTION_DEVIATION if friction else MAX_PRIOR_DEVIATION):
@@ -219,17 +220,16 @@ def _not_converged_finding(outcome: Outcome) -> Finding:
 def held_value_sensitivity(outcome: Outcome, known: Covariance | None) -> tuple[np.ndarray, Covariance] | None:
     """((k, m) how the k fitted values move with each of m held ones, their covariance); None: none has one."""
     task = outcome.task
-    names = tuple(n for n in known.names if n not in task.free and n in task.drive.quantities) if known else ()
-    total = [n for n in names if n in task.drive.values]
-    if known is None or not total or not task.free or outcome.fit is None:
+    held = known and known.part(n for n in known.names if n not in task.free and n in task.drive.quantities
+                                and n in task.drive.values)
+    if held is None or not task.free or outcome.fit is None:
         return None
-    index = [known.names.index(n) for n in total]
-    held = Covariance(tuple(total), known.matrix[np.ix_(index, index)])
     task = task.at_point(outcome.solution.point)
-    problem = problem_of(task.drive, (*task.free, *total), task.roles, outcome.problem.traces)
+    problem = problem_of(task.drive, (*task.free, *held.names), task.roles, outcome.problem.traces)
     values = np.array([task.drive.value(n) for n in problem.names])
     point = Point(values, outcome.solution.point.starts)
-    return sensitivity_to_held(filtered_normal_equations(problem, point, outcome.fit.noise), len(task.free)), held
+    normal = filtered_normal_equations(problem, point, outcome.fit.noise)
+    return sensitivity_to_held(normal, len(task.free)), held
 
 
 def _held_value_covariance(outcome: Outcome, known: Covariance | None) -> tuple[np.ndarray | None, list[Finding]]:

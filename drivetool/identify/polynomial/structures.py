@@ -13,7 +13,7 @@ import numpy as np
 
 from drivetool.drive import Drive
 from drivetool.errors import BadOption, NotEnoughData
-from drivetool.identify.estimate import Z95, Covariance, Estimate, PlotData, fit_percent
+from drivetool.identify.estimate import Z95, Estimate, PlotData, fit_percent, with_intervals_only
 from drivetool.identify.frequency import SpectraOptions, response_of
 from drivetool.identify.polynomial.data import PolynomialData, data_of
 from drivetool.identify.polynomial.frequency_oe import fit_to_response
@@ -143,11 +143,6 @@ def _structure_estimate(experiments: Sequence[Experiment], drive: Drive, data: P
         fit.solution.point.starts, fit.problem.stretches, strict=True)])
     measured = np.concatenate([d.y for d in fit.problem.stretches])
     simulation = fit_percent(y, np.concatenate([x for _, x in pairs])) if pairs else None
-    kept = {p.name for p in lines if p.std is not None}
-    if covariance is not None:
-        index = [i for i, n in enumerate(covariance.names) if n in kept]
-        covariance = Covariance(tuple(covariance.names[i] for i in index), covariance.matrix[np.ix_(index, index)]
-                                ) if index else None
     s = fit.structure
     return Estimate(
         "blackbox", after, lines,
@@ -156,7 +151,8 @@ def _structure_estimate(experiments: Sequence[Experiment], drive: Drive, data: P
         {"simulation_fit_percent": simulation, "one_step_fit_percent": fit_percent(measured, measured - e),
          "rmse": float(np.sqrt(np.mean(np.concatenate([a - b for a, b in pairs]) ** 2))) if pairs else None,
          "n": int(fit.problem.count), "parameters": len(s.names), "noise_parameters": s.noise_parameters},
-        covariance, {f"one_step_std.{data.role}": fit.sigma}, _model_details(figures, table) | own,
+        with_intervals_only(covariance, lines), {f"one_step_std.{data.role}": fit.sigma},
+        _model_details(figures, table) | own,
         (*bodies_advice(drive, s.kind, s.order, table), *model_findings(figures, data, why, simulation)),
         tuple(e.source for e in experiments), {}, _model_plots(figures, data, pairs, experiments[0]))
 

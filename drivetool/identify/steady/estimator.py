@@ -10,7 +10,7 @@ import numpy as np
 from drivetool.drive import Drive
 from drivetool.errors import BadOption, Finding, NotEnoughData
 from drivetool.identify.coast_down import Stretch, find_coast_downs
-from drivetool.identify.estimate import Covariance, Estimate, Parameter
+from drivetool.identify.estimate import Covariance, Estimate, Parameter, held_line, in_order
 from drivetool.identify.plateaus import (
     LINE_KEYS,
     FrictionLine,
@@ -184,18 +184,14 @@ def _steady_estimate(experiments: Sequence[Experiment], drive: Drive, options: O
                    if drive.values.get(name) and name not in (task.names["coulomb"], *options.hold)}
         findings += coulomb_body_findings(task, drive)
     findings += _magnitude_findings(experiments)
-    parameters += [
-        Parameter(name=name, value=drive.value(name), unit=drive.unit(name), start=drive.values.get(name),
-                  status="held",
-                  reason="held by --hold")
-        for name in drive.quantities if name in options.hold and quantity_of(name) in LINE_KEYS]
-    order = list(drive.quantities)
+    parameters += [held_line(drive, name, "held by --hold") for name in drive.quantities
+                   if name in options.hold and quantity_of(name) in LINE_KEYS]
     rmse = float(np.sqrt(np.mean([line.rmse**2 for *_, line in results])))
     levels = len(set(points.levels))
     where = "both directions" if len(set(np.sign(points.speed))) == 2 else "one direction"
     return Estimate(
         step="steady", drive=drive.with_values(values),
-        parameters=tuple(sorted(parameters, key=lambda p: order.index(p.name))),
+        parameters=in_order(parameters, drive),
         outcome=f"{len(points.speed)} steady intervals at {levels} speed{'s' if levels > 1 else ''} in "
                 f"{where}, {rmse:.3g} {drive.torque_unit} rms residual.",
         fit={"simulation_fit_percent": None, "one_step_fit_percent": None, "rmse": rmse,
@@ -225,8 +221,8 @@ def _magnitude_findings(experiments: Sequence[Experiment]) -> list[Finding]:
 def _joint_covariance(results: Sequence[tuple[LineTask, SteadyPoints, FrictionLine]]) -> Covariance | None:
     """Covariance of everything that was fitted; two lines share the noise of the shaft torque."""
     names = [task.names[key] for task, _, line in results for key in line.free]
-    identified = np.array([key not in line.conditional for *_, line in results for key in line.free], dtype=bool)
-    if not np.any(identified):
+    identified = [key not in line.conditional for *_, line in results for key in line.free]
+    if not any(identified):
         return None
     matrix = results[0][2].covariance
     if len(results) == 2:
@@ -234,8 +230,7 @@ def _joint_covariance(results: Sequence[tuple[LineTask, SteadyPoints, FrictionLi
         shared = a.inflation * b.inflation * _shared_variance(points_a, points_b)
         cross = (a.weights * shared) @ b.weights.T
         matrix = np.block([[a.covariance, cross], [cross.T, b.covariance]])
-    kept = tuple(name for name, known in zip(names, identified, strict=True) if known)
-    return Covariance(kept, matrix[np.ix_(identified, identified)])
+    return Covariance(tuple(names), matrix).part(n for n, known in zip(names, identified, strict=True) if known)
 
 
 def _shared_variance(a: SteadyPoints, b: SteadyPoints) -> np.ndarray:
