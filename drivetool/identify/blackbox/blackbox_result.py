@@ -29,15 +29,13 @@ from drivetool.identify.estimate import (
 from drivetool.identify.noise import filtered
 from drivetool.identify.outcome import (
     CORRELATED,
-    how_it_ended,
-    noise_parameters,
-    one_step_percent,
+    estimate_from_outcome,
+    outcome_figures,
     record_plots,
     still_correlated,
 )
 from drivetool.identify.problem import Point, Problem, solve
 from drivetool.identify.setup import Options, Outcome, reverses, traces_of
-from drivetool.logs import recording_sources
 from drivetool.quantity import name_of, names_of
 
 # Idle torque over the largest torque of the record. A choice: the motor could not overcome it.
@@ -104,23 +102,18 @@ def estimate_of(physical: PhysicalModel, outcome: Outcome, gain: float) -> Estim
                                and p.name in physical.names.values()})
     traces = traces_of(task.experiments, task.roles)
     runs = simulated(form, outcome)
-    y, s = (np.concatenate([a[:, 0] for a in arrays]) for arrays in ([t.outputs for t in traces], runs))
+    figures = outcome_figures(outcome, traces, runs)
     run = None if lack else converted_run(replace(task, drive=after))
-    figures = {
-        "simulation_fit_percent": fit_percent(y, s), "one_step_fit_percent": one_step_percent(outcome, y),
-        "rmse": float(np.sqrt(np.nanmean((y - s) ** 2))), "n": int(np.isfinite(y).sum()),
-        **({"converted_simulation_fit_percent": fit_percent(y, run)} if run is not None else {})}
+    if run is not None:
+        y = np.concatenate([t.outputs[:, 0] for t in traces])
+        figures["converted_simulation_fit_percent"] = fit_percent(y, run)
     detail = details(form, c, numbers, uncertainty)
-    noise, more = noise_parameters(outcome)
     own = blackbox_findings(replace(task, drive=after), lines, lack, detail, traces, runs)
-    return Estimate(
-        "blackbox", after, lines, how_it_ended(outcome), figures,
-        _covariance(physical, lines, numbers, uncertainty),
-        noise, {**detail, "log_likelihood_gain_of_the_shaft": gain if np.isfinite(gain) else None,
-                "starts": list(outcome.starts), "outputs": list(task.roles.outputs)},
-        (*own, *more, *([CORRELATED] if still_correlated(outcome) else [])), recording_sources(task.experiments),
-        {},
-        (*record_plots(outcome, traces, runs), bode(form, outcome, drive)))
+    return estimate_from_outcome(
+        "blackbox", after, lines, _covariance(physical, lines, numbers, uncertainty), outcome, fit=figures,
+        details={**detail, "log_likelihood_gain_of_the_shaft": gain if np.isfinite(gain) else None},
+        findings=own, last_findings=[CORRELATED] if still_correlated(outcome) else [],
+        exhibits=(*record_plots(outcome, traces, runs), bode(form, outcome, drive)))
 
 
 def uncertainty_of(physical: PhysicalModel, outcome: Outcome) -> Uncertainty:

@@ -31,9 +31,9 @@ from drivetool.identify.coast_down.report import (
 )
 from drivetool.identify.coast_down.stages import JointFit, fit_in_stages
 from drivetool.identify.coast_down.stretches import Stretch, stretches_of
-from drivetool.identify.estimate import Covariance, Estimate, Parameter, held_line, line_of, with_intervals_only
+from drivetool.identify.estimate import Covariance, Estimate, Parameter, estimate_from_fit, held_line, line_of
 from drivetool.identify.setup import Options, fed_by_voltages
-from drivetool.logs import Experiment, recording_sources
+from drivetool.logs import Experiment
 from drivetool.quantity import name_of, quantity_of, record_of
 
 FRICTION = ("motor.viscous", "motor.coulomb", "motor.idle_torque")
@@ -94,15 +94,14 @@ def coast_down(experiments: Sequence[Experiment], drive: Drive, options: Options
     tested, further = _law_test(ended, runs, prior, fitted, spread.first)
     lines = _parameter_lines(own, ended, free, fitted, scale, held, both)
     values = {p.name: p.value for p in lines if np.isfinite(p.value)}
-    result = Estimate(
-        step="steady", drive=own.with_values(values), parameters=lines,
+    result = estimate_from_fit(
+        "steady", experiments, own.with_values(values), lines, Covariance(fitted.names, fitted.covariance),
         outcome=outcome_text(stretches, experiments, scale.by), fit=fit_figures(fitted, stretches),
-        covariance=with_intervals_only(Covariance(fitted.names, fitted.covariance), lines),
         details={"scale": list(scale.by), "spans": _stretch_details(stretches, experiments),
                  "sensor": _sensor_details(fitted)} | (
             {} if scale.known else {"ratio_covariance": ratio_covariance(ended, free, fitted)}),
-        findings=tuple(coast_down_findings(fitted, tested, stretches, experiments, scale.by, spread, further)),
-        data=recording_sources(experiments), exhibits=coast_down_plots(experiments, stretches, fitted, ended),
+        findings=coast_down_findings(fitted, tested, stretches, experiments, scale.by, spread, further),
+        exhibits=coast_down_plots(experiments, stretches, fitted, ended),
         ratios=(*ratio_lines(ended, free, fitted), *no_load_speed(ended, free, fitted, runs)))
     if options.stages:
         joint = JointFit(experiments, stretches, runs, tuple(start_drives(start, free)), ended, fitted, prior,

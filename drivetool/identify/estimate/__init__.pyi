@@ -1,3 +1,8 @@
+from .builder import (
+    estimate_from_fit as estimate_from_fit,
+    free_run_figures as free_run_figures,
+    record_picture as record_picture,
+)
 from .derived_figures import derived_figures_of as derived_figures_of
 from .estimate import (
     Z95 as Z95,
@@ -25,7 +30,6 @@ from .lines import (
     in_order as in_order,
     line_of as line_of,
     whole_table as whole_table,
-    with_intervals_only as with_intervals_only,
 )
 from .percent import fit_percent as fit_percent, fit_text as fit_text
 from .rounding import (

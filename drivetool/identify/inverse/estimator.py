@@ -21,6 +21,7 @@ from drivetool.identify.estimate import (
     Parameter,
     PlotData,
     covariance_of,
+    estimate_from_fit,
     parameters_of,
 )
 from drivetool.identify.inverse.missing_laws import own_parameters_of, solve_with_laws, with_laws
@@ -118,11 +119,11 @@ def greybox_by_inverse(experiments: Sequence[Experiment], drive: Drive, free: Se
                  *(() if reference else _open_loop_findings(experiments, sensor))]
     if f.over_sd > MAX_RESIDUAL_OVER_SD:
         findings.append(_explains_nothing_finding(f.over_sd))
-        lines, covariance = tuple(_without_interval(p) for p in lines), None
-    return Estimate(
-        "greybox", alone.drive, lines, _outcome_sentence(fit, reference), figures, covariance, {},
-        {"criterion": "inverse", "outputs": ["motor_torque"], "instruments": reference or "none"}, tuple(findings),
-        tuple(e.source for e in experiments), {}, exhibits, None, _laws_sentence(laws), laws)
+        lines = tuple(_without_interval(p) for p in lines)
+    return estimate_from_fit(
+        "greybox", experiments, alone.drive, lines, covariance, outcome=_outcome_sentence(fit, reference),
+        fit=figures, findings=findings, exhibits=exhibits, explanation=_laws_sentence(laws), laws=laws,
+        details={"criterion": "inverse", "outputs": ["motor_torque"], "instruments": reference or "none"})
 
 
 def check_inverse_options(drive: Drive, free: Sequence[str], options: Options) -> None:
