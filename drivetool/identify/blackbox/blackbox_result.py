@@ -233,17 +233,11 @@ def details(form: TransferForm, c: Mapping[str, Dual], numbers: Mapping[str, Dua
     if form.order == 1:
         return found
     if c["a1"].v > 0.0:
-        resonance, damping = _oscillation(c["a2"], c["a1"])
-        found["resonance"] = {"rad_s": uncertainty.figure(resonance),
-                              "hz": uncertainty.figure(resonance / (2.0 * np.pi)),
-                              "damping_ratio": uncertainty.figure(damping)}
+        found["resonance"] = _oscillation(c["a2"], c["a1"], uncertainty)
         roots = sorted(np.roots([1.0, c["a2"].v, c["a1"].v]), key=lambda r: (r.real, r.imag))
         found["poles_rad_s"] = [[0.0 - form.pole(c).v, 0.0], *([float(r.real), float(r.imag)] for r in roots)]
     if c["b2"].v * c["b0"].v > 0.0:
-        notch, damping = _oscillation(c["b1"] / c["b2"], c["b0"] / c["b2"])
-        found["anti_resonance"] = {"rad_s": uncertainty.figure(notch),
-                                   "hz": uncertainty.figure(notch / (2.0 * np.pi)),
-                                   "damping_ratio": uncertainty.figure(damping)}
+        found["anti_resonance"] = _oscillation(c["b1"] / c["b2"], c["b0"] / c["b2"], uncertainty)
     if c["b0"].v * c["a1"].v > 0.0:
         found["total_inertia_at_motor"] = uncertainty.figure(c["a1"] / c["b0"])
     if "left_over" in numbers:
@@ -254,11 +248,12 @@ def details(form: TransferForm, c: Mapping[str, Dual], numbers: Mapping[str, Dua
     return found
 
 
-def _oscillation(linear: Dual, constant: Dual) -> tuple[Dual, Dual]:
-    """(frequency, damping ratio) of s^2 + linear s + constant."""
+def _oscillation(linear: Dual, constant: Dual, uncertainty: Uncertainty) -> dict[str, dict[str, float | None]]:
+    """Frequency and damping ratio of s^2 + linear s + constant."""
     w = float(np.sqrt(constant.v))
     frequency = Dual(w, constant.d / (2.0 * w))
-    return frequency, linear / (2.0 * frequency)
+    numbers = {"rad_s": frequency, "hz": frequency / (2.0 * np.pi), "damping_ratio": linear / (2.0 * frequency)}
+    return {name: uncertainty.figure(number) for name, number in numbers.items()}
 
 
 def simulated(form: TransferForm, outcome: Outcome) -> list[np.ndarray]:

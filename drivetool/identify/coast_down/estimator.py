@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from itertools import pairwise
 
 import numpy as np
@@ -43,18 +43,6 @@ ADDED_INERTIA_TEXT = "a known added inertia"
 MEAN_SPEED_PARTS = 40
 
 
-@dataclass(frozen=True)
-class Scale:
-    """The source of the scale that makes torques of accelerations; `by`: its description, empty without a scale."""
-
-    by: tuple[str, ...]
-
-    @property
-    def known(self) -> bool:
-        """Whether there is a scale."""
-        return bool(self.by)
-
-
 def coast_down(experiments: Sequence[Experiment], drive: Drive, options: Options) -> Estimate:
     """Ratios of friction to inertia from coasting down without torque; friction and inertia with a known scale.
 
@@ -83,10 +71,10 @@ def coast_down(experiments: Sequence[Experiment], drive: Drive, options: Options
     both = len({_direction(r) for r in runs}) == 2
     fitted_by = {v: k for k, v in names.items() if k not in held and (k != FRICTION[2] or both)}
     prior = _prior(own, options.known, fitted_by)
-    scale = _scale(own, stretches, held, prior, options.free)
+    scale = _scales(own, stretches, held, prior, options.free)
     start = _with_start_values(own, runs, stretches, scale, held)
     free = [n for n in (INERTIA, *FRICTION)
-            if n not in held and (n != FRICTION[2] or both) and (n != INERTIA or scale.known)]
+            if n not in held and (n != FRICTION[2] or both) and (n != INERTIA or scale)]
     free += [n for n in options.free if n not in free and n != "all"]
     fitted, spread = _fit_with_scatter(start, free, runs, stretches, prior)
     _check_scale(start, fitted, scale)
@@ -96,20 +84,20 @@ def coast_down(experiments: Sequence[Experiment], drive: Drive, options: Options
     values = {p.name: p.value for p in lines if np.isfinite(p.value)}
     result = estimate_from_fit(
         "steady", experiments, own.with_values(values), lines, Covariance(fitted.names, fitted.covariance),
-        outcome=outcome_text(stretches, experiments, scale.by), fit=fit_figures(fitted, stretches),
-        details={"scale": list(scale.by), "spans": _stretch_details(stretches, experiments),
+        outcome=outcome_text(stretches, experiments, scale), fit=fit_figures(fitted, stretches),
+        details={"scale": list(scale), "spans": _stretch_details(stretches, experiments),
                  "sensor": _sensor_details(fitted)} | (
-            {} if scale.known else {"ratio_covariance": ratio_covariance(ended, free, fitted)}),
-        findings=coast_down_findings(fitted, tested, stretches, experiments, scale.by, spread, further),
+            {} if scale else {"ratio_covariance": ratio_covariance(ended, free, fitted)}),
+        findings=coast_down_findings(fitted, tested, stretches, experiments, scale, spread, further),
         exhibits=coast_down_plots(experiments, stretches, fitted, ended),
         ratios=(*ratio_lines(ended, free, fitted), *no_load_speed(ended, free, fitted, runs)))
     if options.stages:
         joint = JointFit(experiments, stretches, runs, tuple(start_drives(start, free)), ended, fitted, prior,
-                      own.values if scale.known else {})
+                      own.values if scale else {})
         return fit_in_stages(result, joint, options.stages)
     if rigid is None:
         return result
-    if scale.known:
+    if scale:
         return as_drive_parameters(result, drive, rigid)
     lines = tuple(p.replace(name=names[p.name], unit=drive.unit(names[p.name])) for p in lines)
     return replace(result, drive=drive, parameters=lines)
@@ -157,18 +145,19 @@ def _prior(drive: Drive, known: Covariance | None, own: Mapping[str, str]) -> Pr
     return Prior(names, np.array([drive.values[n] for n in names]), found.matrix)
 
 
-def _scale(drive: Drive, stretches: Sequence[Stretch], held: set[str], prior: Prior, free: Sequence[str]) -> Scale:
-    """The known scale between accelerations and torques; an added inertia that is fitted itself gives none."""
-    by = [_scale_by_torque(drive)] if any(not s.off for s in stretches) else []
+def _scales(drive: Drive, stretches: Sequence[Stretch], held: set[str], prior: Prior,
+            free: Sequence[str]) -> tuple[str, ...]:
+    """What gives the scale between accelerations and torques, in words; none: it is not known.
+
+    An added inertia that is fitted itself gives none.
+    """
+    torque = "a stretch under supply" if fed_by_voltages(drive) else "a stretch under torque"
+    by = [torque] if any(not s.off for s in stretches) else []
     added = [v for n, v in drive.values.items() if quantity_of(n) == "added_inertia" and record_of(n)
              and n not in free]
     by += [ADDED_INERTIA_TEXT] if any(added) else []
     by += [f"{n} as held" for n in sorted(held) if drive.value(n)]
-    return Scale((*by, *(f"{n} by its file" for n in prior.names)))
-
-
-def _scale_by_torque(drive: Drive) -> str:
-    return "a stretch under supply" if fed_by_voltages(drive) else "a stretch under torque"
+    return (*by, *(f"{n} by its file" for n in prior.names))
 
 
 def _law_test(ended: Drive, runs: Sequence[Run], prior: Prior, fitted: CoastDownFit,
@@ -188,9 +177,9 @@ def _law_test(ended: Drive, runs: Sequence[Run], prior: Prior, fitted: CoastDown
         ended, fitted.names, runs, prior, fitted) if fitted.misfit < MISFIT_SIGNIFICANCE else None
 
 
-def _check_scale(drive: Drive, fitted: CoastDownFit, scale: Scale) -> None:
+def _check_scale(drive: Drive, fitted: CoastDownFit, scale: Sequence[str]) -> None:
     """Refuse an added inertia as the only scale if it changes nothing: the drive's own would be unbounded."""
-    if INERTIA not in fitted.names or scale.by != (ADDED_INERTIA_TEXT,):
+    if INERTIA not in fitted.names or scale != (ADDED_INERTIA_TEXT,):
         return
     value = fitted.found[INERTIA]
     if not fitted.std(INERTIA) < MAX_STD_TO_VALUE * value:
@@ -203,15 +192,13 @@ def _check_scale(drive: Drive, fitted: CoastDownFit, scale: Scale) -> None:
             "as large as the drive's own.")
 
 
-def _with_start_values(drive: Drive, runs: Sequence[Run], stretches: Sequence[Stretch], scale: Scale,
+def _with_start_values(drive: Drive, runs: Sequence[Run], stretches: Sequence[Stretch], scale: Sequence[str],
              held: set[str]) -> Drive:
     """Start values: ratios from mean speeds of the coast-downs, and an inertia where there is a scale."""
     rates = _initial_ratios([r for r, s in zip(runs, stretches, strict=True) if s.off])
-    inertia = 1.0
-    if scale.known:
-        inertia = drive.value(INERTIA) or _first_inertia(runs, stretches, rates, drive)
+    inertia = (drive.value(INERTIA) or _first_inertia(runs, stretches, rates, drive)) if scale else 1.0
     found = {INERTIA: inertia, FRICTION[0]: inertia * rates[0], FRICTION[1]: inertia * rates[1], FRICTION[2]: 0.0}
-    if scale.known:
+    if scale:
         found |= {n: drive.value(n) or 0.0 for n in held}
     return drive.with_values(found)
 
@@ -276,13 +263,8 @@ def _direction(run: Run) -> float:
     return float(np.sign(values[-1] - values[0] if run.reading.role == "motor_angle" else np.mean(values)))
 
 
-def _has_torque_unit(drive: Drive, name: str) -> bool:
-    """Whether the unit of a parameter has a torque, so that a scale multiplies it."""
-    return "{T}" in drive.quantity(name).unit
-
-
-def _parameter_lines(own: Drive, ended: Drive, free: Sequence[str], fitted: CoastDownFit, scale: Scale,
-                     held: set[str], both: bool) -> tuple[Parameter, ...]:
+def _parameter_lines(own: Drive, ended: Drive, free: Sequence[str], fitted: CoastDownFit,
+                     scale: Sequence[str], held: set[str], both: bool) -> tuple[Parameter, ...]:
     """Inertia and friction, with intervals where a scale is known; parameters that need no scale always."""
     lines = []
     for name in dict.fromkeys((INERTIA, *FRICTION, *free)):
@@ -292,7 +274,7 @@ def _parameter_lines(own: Drive, ended: Drive, free: Sequence[str], fitted: Coas
         elif name not in free and name != INERTIA:
             line = line_of(own, name, own.value(name) or 0.0)
             reason = "one direction only: included in the Coulomb friction"
-        elif not scale.known and (name == INERTIA or _has_torque_unit(ended, name)):
+        elif not scale and (name == INERTIA or "{T}" in ended.quantity(name).unit):
             line = line_of(own, name, own.values.get(name, np.nan))
             reason = "without a torque only the ratio of friction to inertia is identifiable"
         elif unidentified(name, free, fitted):

@@ -119,7 +119,8 @@ def greybox_by_inverse(experiments: Sequence[Experiment], drive: Drive, free: Se
                  *(() if reference else _open_loop_findings(experiments, sensor))]
     if f.over_sd > MAX_RESIDUAL_OVER_SD:
         findings.append(_explains_nothing_finding(f.over_sd))
-        lines = tuple(_without_interval(p) for p in lines)
+        lines = tuple(p if p.status == "held" else p.without_interval(
+            "the inverse model explains none of the torque") for p in lines)
     return estimate_from_fit(
         "greybox", experiments, alone.drive, lines, covariance, outcome=_outcome_sentence(fit, reference),
         fit=figures, findings=findings, exhibits=exhibits, explanation=_laws_sentence(laws), laws=laws,
@@ -221,12 +222,12 @@ def _max_noise_bias(fit: InverseFit, rows: Sequence[Rows], inverse: np.ndarray) 
 
 def _held_value_covariance(fit: InverseFit, known: Covariance | None) -> np.ndarray:
     """(k, k) covariance that the uncertainty of held values adds."""
-    names = [n for n in (known.names if known else ()) if n in fit.at.drive.values and n not in fit.at.free]
-    if known is None or not names:
+    held = known and known.part(n for n in known.names if n in fit.at.drive.values and n not in fit.at.free)
+    if held is None:
         return np.zeros_like(fit.covariance)
-    slopes = replace(fit.at, free=tuple(names)).rows()
+    slopes = replace(fit.at, free=held.names).rows()
     gain = fit.inverse @ sum(r.instruments.T @ s.slopes for r, s in zip(fit.rows, slopes, strict=True))
-    return gain @ known.part(names).matrix @ gain.T
+    return gain @ held.matrix @ gain.T
 
 
 def _parameter_lines(fit: InverseFit, before: Drive, after: Drive, line: np.ndarray, held: np.ndarray,
@@ -289,11 +290,6 @@ def _outcome_sentence(fit: InverseFit, reference: str | None) -> str:
     band = fit.at.seen.each[0].smoothing.cutoff / fit.at.experiments[0].step
     by = f"with instruments from {reference}" if fit.at.predicted else "by least squares"
     return f"{how} after {fit.steps} steps, {by}, torque regressed on the motion up to {band:.3g} Hz"
-
-
-def _without_interval(p: Parameter) -> Parameter:
-    why = "the inverse model explains none of the torque"
-    return p if p.status == "held" else p.without_interval(why)
 
 
 def _no_instrument_finding(why: str) -> Finding:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
+from functools import reduce
 from typing import Any
 
 import numpy as np
@@ -115,10 +116,11 @@ def _parameter_lines(before: Drive, own: Task, outcome: Outcome, known: Covarian
     own  the task at the reported values
     """
     problem, after = outcome.problem, outcome.drive
-    extra, held = _held_value_covariance(outcome, known)
-    extra = _sum_of_covariances(extra, _friction_split_covariance(outcome))
-    if outcome.fit is not None:
-        extra = _sum_of_covariances(extra, noise_ratio_covariance(problem, outcome.fit))
+    by_held, held = _held_value_covariance(outcome, known)
+    parts = (by_held, _friction_split_covariance(outcome),
+             outcome.fit and noise_ratio_covariance(problem, outcome.fit))
+    known_parts = [part for part in parts if part is not None]
+    extra = reduce(np.add, known_parts) if known_parts else None
     known_too = replace(before, known_torques=after.known_torques)
     lines, covariance, findings = parameters_of(problem, outcome.solution, known_too, after, extra)
     own_sides = any(r.endswith("_torque") for r in outcome.task.roles.outputs)
@@ -253,10 +255,6 @@ def _held_value_covariance(outcome: Outcome, known: Covariance | None) -> tuple[
         "note", "held-values-dominate",
         f"The uncertainty of held values dominates the interval of {', '.join(heavy)}.",
         heavy, f"This record may identify them better: add --free {' --free '.join(held.names[:4])}.")]
-
-
-def _sum_of_covariances(a: np.ndarray | None, b: np.ndarray | None) -> np.ndarray | None:
-    return b if a is None else a if b is None else a + b
 
 
 def _friction_split_covariance(outcome: Outcome) -> np.ndarray | None:
