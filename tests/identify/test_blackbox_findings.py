@@ -1,6 +1,5 @@
 """What a black-box fit says of its record: band, sampling, reversals, damping and the coefficient it leaves out."""
 
-from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -60,7 +59,7 @@ def test_a_damping_that_came_out_negative(upper, severity):
     line = Parameter(name="shaft.damping", value=0.0, unit="Nm s/rad", ci95=(-1.0, upper), status="at-bound",
                      reason="is -1")
     assert codes(lines=[line]) == {"negative-estimate": severity}
-    assert codes(lines=[replace(line, status="fitted")]) == {}
+    assert codes(lines=[line.replace(status="fitted")]) == {}
 
 
 @pytest.mark.parametrize(("b1", "in_std", "said"), [(2.0, 9.0, True), (1.05, 9.0, False), (2.0, 2.0, False)])

@@ -20,7 +20,7 @@ from drivetool.check.validation.sections import CheckSection
 from drivetool.drive import Drive
 from drivetool.errors import BadOption, Finding, NotEnoughData
 from drivetool.identify.coast_down import Stretch, coast_down_assumed, stretches_of
-from drivetool.identify.estimate import Covariance, PlotData, fit_percent, fit_text
+from drivetool.identify.estimate import Covariance, PlotData, fit_percent, fit_text, record_picture
 from drivetool.identify.setup import KnownStart
 from drivetool.logs import Experiment, number_duplicates
 from drivetool.quantity import RPM_PER_RAD_S
@@ -173,10 +173,9 @@ def _plot(e: Experiment, runs: Sequence[CoastDownComparison], check: CheckSectio
     """Measured and simulated speed, and the error."""
     time = np.concatenate([r.time for r in runs])
     y, s = (np.concatenate([getattr(r.speed, part) for r in runs]) for part in ("measured", "simulated"))
-    return PlotData(
-        "record", f"{check.file}, model {check.model}: coast-down, fit "
-        f"{fit_text(check.simulation_fit_percent, '.4f')}", "time [s]", f"motor speed [{check.unit}]",
-        {"measured": (time, y), "simulated": (time, s), "residual": (time, y - s)})
+    return record_picture(
+        f"{check.file}, model {check.model}: coast-down, fit {fit_text(check.simulation_fit_percent, '.4f')}",
+        f"motor speed [{check.unit}]", time, y, s)
 
 
 def _verdict(checks: Sequence[CheckSection], unseen: bool) -> str:

@@ -80,10 +80,10 @@ def likeliest_drive_in_region(drive: Drive, roles: Roles, traces: Sequence[Trace
     drive  at the values of the fit; point: start states under the noise
     known  covariance of the values; the fit has the weight of the record, and more at the edge of the region
     """
-    keep = [i for i, name in enumerate(known.names) if name in drive.values and name in drive.quantities]
-    names, matrix = tuple(known.names[i] for i in keep), known.matrix[np.ix_(keep, keep)]
-    if not names:
+    known = known.part(name for name in known.names if name in drive.values and name in drive.quantities)
+    if known is None:
         return None
+    names = known.names
     problem = problem_of(drive, names, roles, traces).with_memory(noise.memory)
     values = np.array([drive.value(name) for name in names])
     gains = [f.gains for f in filtered(problem, Point(values, point.starts), noise)]
@@ -92,7 +92,7 @@ def likeliest_drive_in_region(drive: Drive, roles: Roles, traces: Sequence[Trace
     variance = normal.cost / max(problem.count, 1)
     if not np.isfinite(hessian).all() or not variance > 0.0:
         return None
-    square, axes = np.linalg.eigh(matrix)
+    square, axes = np.linalg.eigh(known.matrix)
     root = axes * np.sqrt(np.maximum(square, 0.0))
     values = values + root @ _step_in_region(root.T @ hessian @ root / variance, root.T @ gradient / variance)
     return with_trial_values(drive, names, np.clip(values, problem.low, problem.high))

@@ -14,7 +14,7 @@ from drivetool.check.validation.result import ValidateOptions, Validation
 from drivetool.check.validation.sections import CheckSection
 from drivetool.drive import Drive
 from drivetool.errors import Finding, NotEnoughData
-from drivetool.identify.estimate import Covariance, PlotData, fit_percent, fit_text, only_rounding
+from drivetool.identify.estimate import Covariance, PlotData, fit_percent, fit_text, only_rounding, record_picture
 from drivetool.logs import Experiment, number_duplicates
 
 SimulatedModel = tuple[str, Drive, Mapping[str, float]]
@@ -95,7 +95,7 @@ def _check(name: str, file: str, experiment: Experiment, run: Replay, m: int,
     largest = nan if correlation is None else correlation.largest
     value_range, total = float(np.ptp(y)), float(np.sum((y - y.mean()) ** 2))
     return CheckSection(
-        name, file, run.outputs[m], _unit_of_role(run.outputs[m], experiment), fit, one_step, rmse,
+        name, file, run.outputs[m], experiment.unit(run.outputs[m]), fit, one_step, rmse,
         rmse / value_range if value_range else nan,
         1.0 - float(e @ e) / total if value_range and total else nan, int(known.sum()), largest,
         nan if correlation is None else float(correlation.band.max()),
@@ -122,13 +122,11 @@ def _plots(experiment: Experiment, run: Replay, m: int, check: CheckSection,
               correlation: Correlation | None, options: ValidateOptions) -> list[PlotData]:
     """Measured and simulated, and the correlation with its bands."""
     label, which = check.output.replace("_", " "), f"{check.file}, model {check.model}"
-    time, y, s = experiment.time[run.index], run.measured[:, m], run.simulated[:, m]
     runs = f"free runs of {options.segment:g} s" if options.segment else "free run"
-    found = [PlotData(
-        "record", f"{which}: {runs}, fit {fit_text(check.simulation_fit_percent, '.1f')}", "time [s]",
-        f"{label} [{check.unit}]", {
-            "measured": (time, y), "simulated": (time, s), "residual": (time, y - s),
-            f"torque [{experiment.torque_unit}]": (time, run.inputs[:, 0])})]
+    found = [record_picture(
+        f"{which}: {runs}, fit {fit_text(check.simulation_fit_percent, '.1f')}", f"{label} [{check.unit}]",
+        experiment.time[run.index], run.measured[:, m], run.simulated[:, m],
+        {f"torque [{experiment.torque_unit}]": run.inputs[:, 0]})]
     if correlation is None:
         return found
     size = correlation.band.shape[1]
@@ -139,9 +137,3 @@ def _plots(experiment: Experiment, run: Replay, m: int, check: CheckSection,
             "residual with torque": (correlation.lags, correlation.r[0]),
             "band 97 % for one lag": (after, correlation.band[0]),
             f"limit {options.max_correlation:g}": (after, np.full(size, options.max_correlation))})]
-
-
-def _unit_of_role(role: str, experiment: Experiment) -> str:
-    if role.endswith("torque"):
-        return experiment.torque_unit
-    return experiment.motion_unit + ("/s" if role.endswith("speed") else "")

@@ -10,7 +10,7 @@ import numpy as np
 from drivetool.check.causes import CAUSES
 from drivetool.check.fit import Model
 from drivetool.check.starts import largest_torque
-from drivetool.identify.estimate import Z95, Estimate, Parameter
+from drivetool.identify.estimate import Estimate, Parameter
 from drivetool.quantity import owner_of, quantity_of
 
 if TYPE_CHECKING:
@@ -47,8 +47,8 @@ def _as_amplitude(p: Parameter, estimate: Estimate) -> Parameter:
     has_intervals = p.ci95 is not None and other.ci95 is not None
     along = np.array([p.value, other.value]) / max(size, 1e-300)
     std = _std_along(estimate, (p.name, other.name), along) if has_intervals else None
-    interval = None if std is None else (max(size - Z95 * std, 0.0), size + Z95 * std)
-    return Parameter(name=name, value=size, unit=p.unit, std=std, ci95=interval)
+    line = Parameter(name=name, value=size, unit=p.unit)
+    return line if std is None else line.with_interval(std, (0.0, np.inf))
 
 
 def _std_along(estimate: Estimate, names: Sequence[str], direction: np.ndarray) -> float | None:
@@ -56,8 +56,7 @@ def _std_along(estimate: Estimate, names: Sequence[str], direction: np.ndarray) 
     known = estimate.covariance
     if known is None or not set(names) <= set(known.names):
         return None
-    at = [known.names.index(n) for n in names]
-    return float(np.sqrt(max(direction @ known.matrix[np.ix_(at, at)] @ direction, 0.0)))
+    return float(np.sqrt(max(direction @ known.part(names).matrix @ direction, 0.0)))
 
 
 def _size_text(p: Parameter, base: Model) -> str:

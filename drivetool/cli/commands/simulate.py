@@ -93,10 +93,9 @@ def _fit_text(found: ModelRun, role: str) -> str:
 
 def _record_plot(experiment: Experiment, found: ModelRun, role: str) -> PlotData:
     """Measured and simulated of one sensor."""
-    from drivetool.identify.estimate import PlotData
+    from drivetool.identify.estimate import record_picture
 
-    y, s, label = found.measured[role], found.simulated[role], role.replace("_", " ")
-    return PlotData("record", f"{experiment.name}: measured and simulated", "time [s]",
-                   f"{label} [{found.unit(role)}]", {
-                       "measured": (found.time, y), "simulated": (found.time, s), "residual": (found.time, y - s),
-                       f"torque [{found.torque_unit}]": (found.time, found.inputs["motor_torque"])})
+    return record_picture(
+        f"{experiment.name}: measured and simulated", f"{role.replace('_', ' ')} [{found.unit(role)}]", found.time,
+        found.measured[role], found.simulated[role],
+        {f"torque [{found.torque_unit}]": found.inputs["motor_torque"]})

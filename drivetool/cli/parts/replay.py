@@ -71,16 +71,13 @@ def _replay_check(model: str, experiment: Experiment, run: LoopReplay, role: str
 
 def _replay_plot(model: str, experiment: Experiment, run: LoopReplay) -> PlotData:
     """Measured over simulated motor speed, with the load torque."""
-    from drivetool.identify.estimate import PlotData, fit_text
+    from drivetool.identify.estimate import fit_text, record_picture
 
-    y, s = run.measured["motor_speed"], run.simulated["motor_speed"]
-    return PlotData(
-        "record",
+    return record_picture(
         f"{experiment.name}, model {model}: replay of the tuned loop, "
         f"fit {fit_text(run.fits['motor_speed'], '.1f')}",
-        "time [s]", f"motor speed [{experiment.motion_unit}/s]", {
-            "measured": (run.time, y), "simulated": (run.time, s), "residual": (run.time, y - s),
-            f"torque of the load [{experiment.torque_unit}]": (run.time, run.load)})
+        f"motor speed [{experiment.motion_unit}/s]", run.time, run.measured["motor_speed"],
+        run.simulated["motor_speed"], {f"torque of the load [{experiment.torque_unit}]": run.load})
 
 
 def _other_tuning_note(model: str, gains: str, files: Sequence[str]) -> Finding:

@@ -27,7 +27,7 @@ from drivetool.identify.acceleration.spans import (
     turns_both_ways,
 )
 from drivetool.identify.channels import suspect_unit_findings
-from drivetool.identify.estimate import Z95, Covariance, Estimate, Parameter, PlotData
+from drivetool.identify.estimate import Z95, Covariance, Estimate, Parameter, PlotData, in_order
 from drivetool.identify.greybox import greybox
 from drivetool.identify.plateaus import one_direction_finding, record_plot
 from drivetool.identify.setup import Options
@@ -227,9 +227,8 @@ def as_drive_parameters(found: Estimate, drive: Drive, rigid: RigidDrive) -> Est
 
     findings = tuple(f.replace(text=named(f.text), action=named(f.action), parameter=rigid.names.get(
         f.parameter or "")) for f in found.findings)
-    order = list(drive.quantities)
     return replace(found, drive=drive.with_values(values), covariance=covariance, findings=findings,
-                   parameters=tuple(sorted(lines.values(), key=lambda p: order.index(p.name))))
+                   parameters=in_order(lines.values(), drive))
 
 
 def _as_drive_parameter(p: Parameter, drive: Drive, rigid: RigidDrive) -> Parameter:
@@ -250,17 +249,17 @@ def _as_drive_parameter(p: Parameter, drive: Drive, rigid: RigidDrive) -> Parame
     parts = {n: rigid.factor * v for n in ("std_structure", "std_between", "repeatability")
              if (v := getattr(p, n)) is not None}
     noise = None if p.std_noise is None else float(rigid.factor * np.hypot(p.std_noise, np.sqrt(rigid.variance)))
-    return p.replace(value=value, std=std, ci95=(max(value - half, 0.0), value + half), std_noise=noise, **parts)
+    return p.replace(value=value).with_interval(std, (0.0, np.inf), half, std_noise=noise, **parts)
 
 
 def _covariance(found: Covariance | None, names: Mapping[str, str], rigid: RigidDrive) -> Covariance | None:
     """Of the drive's parameters."""
-    kept = [i for i, n in enumerate(found.names) if n in names] if found is not None else []
-    if not kept:
+    kept = found and found.part(n for n in found.names if n in names)
+    if kept is None:
         return None
-    own = [names[found.names[i]] for i in kept]
+    own = [names[n] for n in kept.names]
     size = np.array([rigid.factor if n == rigid.target else 1.0 for n in own])
-    matrix = found.matrix[np.ix_(kept, kept)] * np.outer(size, size)
+    matrix = kept.matrix * np.outer(size, size)
     if rigid.target in own:
         at = own.index(rigid.target)
         matrix[at, at] += rigid.factor**2 * rigid.variance

@@ -10,7 +10,7 @@ from scipy import stats
 
 from drivetool.drive import Drive
 from drivetool.errors import Finding
-from drivetool.identify.estimate import Z95, Covariance, Estimate, Parameter
+from drivetool.identify.estimate import Covariance, Estimate, line_of
 from drivetool.identify.greybox import greybox
 from drivetool.identify.setup import Options
 from drivetool.logs import Experiment, number_duplicates
@@ -63,9 +63,8 @@ def fit_with_mean_torque(shared: Estimate, experiments: Sequence[Experiment], st
     names, covariance = list(own), found.covariance
     if covariance is None or not set(names) <= set(covariance.names):
         return _with_common_torque(shared)
-    places = [covariance.names.index(n) for n in names]
     values = np.array([found.drive.values[n] for n in names])
-    matrix = covariance.matrix[np.ix_(places, places)]
+    matrix = covariance.part(names).matrix
     if _values_agree(values, matrix):
         return _with_common_torque(shared)
     order = np.argsort(values, kind="stable")
@@ -110,10 +109,9 @@ def _with_mean(found: Estimate, names: Sequence[str], weights: np.ndarray, dista
     line = np.vstack([np.eye(len(covariance.names))[kept], line])
     matrix = line @ covariance.matrix @ line.T
     matrix[-1, -1] += distance**2
-    value, std = float(weights @ [found.drive.values[n] for n in names]), float(np.sqrt(matrix[-1, -1]))
-    idle = Parameter(name=IDLE_TORQUE, value=value, unit=found.drive.unit(IDLE_TORQUE),
-                     start=found.drive.value(IDLE_TORQUE), std=std,
-                     ci95=(value - Z95 * std, value + Z95 * std), std_between=distance)
+    value = float(weights @ [found.drive.values[n] for n in names])
+    idle = line_of(found.drive, IDLE_TORQUE, value).replace(start=found.drive.value(IDLE_TORQUE)).with_interval(
+        float(np.sqrt(matrix[-1, -1])), std_between=distance)
     values = {n: v for n, v in found.drive.values.items() if not record_of(n)} | {IDLE_TORQUE: value}
     lines = (*(p for p in found.parameters if not record_of(p.name) and p.name != IDLE_TORQUE), idle)
     return replace(found, drive=replace(found.drive, values=values, records={}), parameters=lines,

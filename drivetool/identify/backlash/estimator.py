@@ -18,9 +18,10 @@ from drivetool.identify.channels import suspect_channel_findings, torque_timing
 from drivetool.identify.estimate import (
     Z95,
     Estimate,
-    Parameter,
     PlotData,
     covariance_of,
+    in_order,
+    line_of,
     without_not_identifiable_findings,
 )
 from drivetool.identify.fit import (
@@ -338,11 +339,8 @@ def _unopened_estimate(task: Task, drive: Drive, unopened: Sequence[str], closed
             f"sign: the gap does not open in this record, and {g} is not identifiable.",
             {"least_shaft_torque": c.least, "largest_shaft_torque": c.most},
             "Record alternating torque steps larger than the idle torque.", g))
-        value = drive.value(g) or 0.0
-        lines.append(Parameter(name=g, value=value, unit=drive.unit(g), start=value, status="not-identifiable",
-                               reason="the gap was not opened in this record"))
+        line = line_of(drive, g, drive.value(g) or 0.0)
+        lines.append(line.replace(start=line.value).without_interval("the gap was not opened in this record",
+                                                                     "not-identifiable"))
     estimate = compose("backlash", drive, outcome, findings, known=options.known)
-    kept = [p for p in estimate.parameters if p.name not in unopened]
-    order = {n: i for i, n in enumerate(drive.quantities)}
-    lines = sorted([*kept, *lines], key=lambda p: order[p.name])
-    return replace(estimate, parameters=tuple(lines))
+    return replace(estimate, parameters=in_order((*estimate.parameters, *lines), drive))

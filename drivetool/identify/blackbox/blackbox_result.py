@@ -15,27 +15,27 @@ from drivetool.drive import Drive, Dual
 from drivetool.identify.blackbox.blackbox_findings import blackbox_findings, bode, converted_run, why_no_shaft
 from drivetool.identify.blackbox.transfer import VISCOUS, TransferForm, to_physical, why_impossible
 from drivetool.identify.estimate import (
-    Z95,
     Z95_ONE_SIDED,
     Covariance,
     Estimate,
     Parameter,
     covariance_of,
     fit_percent,
+    held_line,
     held_uncertainty,
+    line_of,
+    whole_table,
 )
 from drivetool.identify.noise import filtered
 from drivetool.identify.outcome import (
     CORRELATED,
-    how_it_ended,
-    noise_parameters,
-    one_step_percent,
+    estimate_from_outcome,
+    outcome_figures,
     record_plots,
     still_correlated,
 )
 from drivetool.identify.problem import Point, Problem, solve
 from drivetool.identify.setup import Options, Outcome, reverses, traces_of
-from drivetool.logs import recording_sources
 from drivetool.quantity import name_of, names_of
 
 # Idle torque over the largest torque of the record. A choice: the motor could not overcome it.
@@ -102,23 +102,18 @@ def estimate_of(physical: PhysicalModel, outcome: Outcome, gain: float) -> Estim
                                and p.name in physical.names.values()})
     traces = traces_of(task.experiments, task.roles)
     runs = simulated(form, outcome)
-    y, s = (np.concatenate([a[:, 0] for a in arrays]) for arrays in ([t.outputs for t in traces], runs))
+    figures = outcome_figures(outcome, traces, runs)
     run = None if lack else converted_run(replace(task, drive=after))
-    figures = {
-        "simulation_fit_percent": fit_percent(y, s), "one_step_fit_percent": one_step_percent(outcome, y),
-        "rmse": float(np.sqrt(np.nanmean((y - s) ** 2))), "n": int(np.isfinite(y).sum()),
-        **({"converted_simulation_fit_percent": fit_percent(y, run)} if run is not None else {})}
+    if run is not None:
+        y = np.concatenate([t.outputs[:, 0] for t in traces])
+        figures["converted_simulation_fit_percent"] = fit_percent(y, run)
     detail = details(form, c, numbers, uncertainty)
-    noise, more = noise_parameters(outcome)
     own = blackbox_findings(replace(task, drive=after), lines, lack, detail, traces, runs)
-    return Estimate(
-        "blackbox", after, lines, how_it_ended(outcome), figures,
-        _covariance(physical, lines, numbers, uncertainty),
-        noise, {**detail, "log_likelihood_gain_of_the_shaft": gain if np.isfinite(gain) else None,
-                "starts": list(outcome.starts), "outputs": list(task.roles.outputs)},
-        (*own, *more, *([CORRELATED] if still_correlated(outcome) else [])), recording_sources(task.experiments),
-        {},
-        (*record_plots(outcome, traces, runs), bode(form, outcome, drive)))
+    return estimate_from_outcome(
+        "blackbox", after, lines, _covariance(physical, lines, numbers, uncertainty), outcome, fit=figures,
+        details={**detail, "log_likelihood_gain_of_the_shaft": gain if np.isfinite(gain) else None},
+        findings=own, last_findings=[CORRELATED] if still_correlated(outcome) else [],
+        exhibits=(*record_plots(outcome, traces, runs), bode(form, outcome, drive)))
 
 
 def uncertainty_of(physical: PhysicalModel, outcome: Outcome) -> Uncertainty:
@@ -188,44 +183,34 @@ def _known_coulomb(drive: Drive, outcome: Outcome) -> float:
 def parameters(physical: PhysicalModel, numbers: Mapping[str, Dual], uncertainty: Uncertainty,
                lack: str) -> tuple[Parameter, ...]:
     """One line per value of the drive."""
-    drive, lines = physical.drive, {}
+    drive, lines = physical.drive, []
     for key, name in physical.names.items():
-        start = drive.values.get(name)
         if key in numbers:
             line = _converted_parameter(physical, key, name, numbers[key], uncertainty.std(numbers[key]))
         else:
-            value = float("nan") if start is None else start
-            line = Parameter(name=name, value=value, unit=drive.unit(name), start=start, status="not-identifiable",
-                             reason=lack or NOT_SEPARABLE_TEXT)
+            line = line_of(drive, name, drive.values.get(name, float("nan"))).without_interval(
+                lack or NOT_SEPARABLE_TEXT, "not-identifiable")
         if name in physical.options.hold:
             found = f"; the black box gives {line.value:.4g}" if line.status == "fitted" else ""
-            line = Parameter(name=name, value=drive.value(name), unit=drive.unit(name), start=start, status="held",
-                             reason=f"held at its value{found}; the other values do not depend on it")
-        lines[name] = line
-    for name, value in drive.values.items():
-        lines.setdefault(name, Parameter(name=name, value=float(value), unit=drive.unit(name), start=float(value),
-                                         status="held",
-                                         reason="as given; not fitted in this step"))
-    return tuple(lines[n] for n in drive.quantities if n in lines)
+            line = held_line(drive, name, f"held at its value{found}; the other values do not depend on it")
+        lines.append(line)
+    return whole_table(lines, drive)
 
 
 def _converted_parameter(
         physical: PhysicalModel, key: str, name: str, number: Dual, std: float | None) -> Parameter:
     """One converted value."""
-    drive, value = physical.drive, float(number.v)
-    line = Parameter(name=name, value=value, unit=drive.unit(name), start=drive.values.get(name))
-    low, high = drive.quantity(name).bounds
+    value, drive = float(number.v), physical.drive
+    line = line_of(drive, name, value)
     if key in ("damping", VISCOUS) and value <= 0.0:
-        upper = (0.0, max(0.0, value + Z95_ONE_SIDED * std)) if std is not None else None
-        return line.replace(value=0.0, ci95=upper, status="at-bound",
-                            reason=f"estimated as {value:.4g}, but damping cannot be negative")
+        return line.beyond_bound(0.0, None if std is None else Z95_ONE_SIDED * std,
+                                 f"estimated as {value:.4g}, but damping cannot be negative")
     if std is None:
-        return line.replace(status="not-identifiable",
-                            reason="the record has no information on this parameter")
+        return line.without_interval("the record has no information on this parameter", "not-identifiable")
     if key != "offset" and std > value:
-        return line.replace(status="not-identifiable",
-                            reason=f"its standard deviation ({std:.2g}) is larger than itself")
-    return line.replace(std=std, ci95=(max(value - Z95 * std, low), min(value + Z95 * std, high)))
+        return line.without_interval(f"its standard deviation ({std:.2g}) is larger than itself",
+                                     "not-identifiable")
+    return line.with_interval(std, drive.quantity(name).bounds)
 
 
 def _covariance(physical: PhysicalModel, lines: tuple[Parameter, ...], numbers: Mapping[str, Dual],
@@ -248,17 +233,11 @@ def details(form: TransferForm, c: Mapping[str, Dual], numbers: Mapping[str, Dua
     if form.order == 1:
         return found
     if c["a1"].v > 0.0:
-        resonance, damping = _oscillation(c["a2"], c["a1"])
-        found["resonance"] = {"rad_s": uncertainty.figure(resonance),
-                              "hz": uncertainty.figure(resonance / (2.0 * np.pi)),
-                              "damping_ratio": uncertainty.figure(damping)}
+        found["resonance"] = _oscillation(c["a2"], c["a1"], uncertainty)
         roots = sorted(np.roots([1.0, c["a2"].v, c["a1"].v]), key=lambda r: (r.real, r.imag))
         found["poles_rad_s"] = [[0.0 - form.pole(c).v, 0.0], *([float(r.real), float(r.imag)] for r in roots)]
     if c["b2"].v * c["b0"].v > 0.0:
-        notch, damping = _oscillation(c["b1"] / c["b2"], c["b0"] / c["b2"])
-        found["anti_resonance"] = {"rad_s": uncertainty.figure(notch),
-                                   "hz": uncertainty.figure(notch / (2.0 * np.pi)),
-                                   "damping_ratio": uncertainty.figure(damping)}
+        found["anti_resonance"] = _oscillation(c["b1"] / c["b2"], c["b0"] / c["b2"], uncertainty)
     if c["b0"].v * c["a1"].v > 0.0:
         found["total_inertia_at_motor"] = uncertainty.figure(c["a1"] / c["b0"])
     if "left_over" in numbers:
@@ -269,11 +248,12 @@ def details(form: TransferForm, c: Mapping[str, Dual], numbers: Mapping[str, Dua
     return found
 
 
-def _oscillation(linear: Dual, constant: Dual) -> tuple[Dual, Dual]:
-    """(frequency, damping ratio) of s^2 + linear s + constant."""
+def _oscillation(linear: Dual, constant: Dual, uncertainty: Uncertainty) -> dict[str, dict[str, float | None]]:
+    """Frequency and damping ratio of s^2 + linear s + constant."""
     w = float(np.sqrt(constant.v))
     frequency = Dual(w, constant.d / (2.0 * w))
-    return frequency, linear / (2.0 * frequency)
+    numbers = {"rad_s": frequency, "hz": frequency / (2.0 * np.pi), "damping_ratio": linear / (2.0 * frequency)}
+    return {name: uncertainty.figure(number) for name, number in numbers.items()}
 
 
 def simulated(form: TransferForm, outcome: Outcome) -> list[np.ndarray]:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from itertools import pairwise
 
 import numpy as np
@@ -31,9 +31,9 @@ from drivetool.identify.coast_down.report import (
 )
 from drivetool.identify.coast_down.stages import JointFit, fit_in_stages
 from drivetool.identify.coast_down.stretches import Stretch, stretches_of
-from drivetool.identify.estimate import Z95, Covariance, Estimate, Parameter
+from drivetool.identify.estimate import Covariance, Estimate, Parameter, estimate_from_fit, held_line, line_of
 from drivetool.identify.setup import Options, fed_by_voltages
-from drivetool.logs import Experiment, recording_sources
+from drivetool.logs import Experiment
 from drivetool.quantity import name_of, quantity_of, record_of
 
 FRICTION = ("motor.viscous", "motor.coulomb", "motor.idle_torque")
@@ -41,18 +41,6 @@ FLUX_TIME_CONSTANTS = 3.0  # time constants of the rotor's flux, after which 5 %
 ADDED_INERTIA_TEXT = "a known added inertia"
 # Of a coast-down, whose mean speeds give start values. A choice: they average counts and keep the shape.
 MEAN_SPEED_PARTS = 40
-
-
-@dataclass(frozen=True)
-class Scale:
-    """The source of the scale that makes torques of accelerations; `by`: its description, empty without a scale."""
-
-    by: tuple[str, ...]
-
-    @property
-    def known(self) -> bool:
-        """Whether there is a scale."""
-        return bool(self.by)
 
 
 def coast_down(experiments: Sequence[Experiment], drive: Drive, options: Options) -> Estimate:
@@ -81,37 +69,35 @@ def coast_down(experiments: Sequence[Experiment], drive: Drive, options: Options
     held = {n for n, whole in names.items() if whole in options.hold}
     own = _one_body(drive, rigid, held) if rigid else drive
     both = len({_direction(r) for r in runs}) == 2
-    prior = _prior(own, options.known, held, {v: k for k, v in names.items()}).of(
-        (INERTIA, *(FRICTION if both else FRICTION[:2])))
-    scale = _scale(own, stretches, held, prior, options.free)
+    fitted_by = {v: k for k, v in names.items() if k not in held and (k != FRICTION[2] or both)}
+    prior = _prior(own, options.known, fitted_by)
+    scale = _scales(own, stretches, held, prior, options.free)
     start = _with_start_values(own, runs, stretches, scale, held)
     free = [n for n in (INERTIA, *FRICTION)
-            if n not in held and (n != FRICTION[2] or both) and (n != INERTIA or scale.known)]
+            if n not in held and (n != FRICTION[2] or both) and (n != INERTIA or scale)]
     free += [n for n in options.free if n not in free and n != "all"]
     fitted, spread = _fit_with_scatter(start, free, runs, stretches, prior)
     _check_scale(start, fitted, scale)
     ended = start.with_values(fitted.found)
     tested, further = _law_test(ended, runs, prior, fitted, spread.first)
     lines = _parameter_lines(own, ended, free, fitted, scale, held, both)
-    identified = [i for i, n in enumerate(free) if any(p.name == n and p.std is not None for p in lines)]
     values = {p.name: p.value for p in lines if np.isfinite(p.value)}
-    result = Estimate(
-        step="steady", drive=own.with_values(values), parameters=lines,
-        outcome=outcome_text(stretches, experiments, scale.by), fit=fit_figures(fitted, stretches),
-        covariance=_covariance(free, identified, fitted),
-        details={"scale": list(scale.by), "spans": _stretch_details(stretches, experiments),
+    result = estimate_from_fit(
+        "steady", experiments, own.with_values(values), lines, Covariance(fitted.names, fitted.covariance),
+        outcome=outcome_text(stretches, experiments, scale), fit=fit_figures(fitted, stretches),
+        details={"scale": list(scale), "spans": _stretch_details(stretches, experiments),
                  "sensor": _sensor_details(fitted)} | (
-            {} if scale.known else {"ratio_covariance": ratio_covariance(ended, free, fitted)}),
-        findings=tuple(coast_down_findings(fitted, tested, stretches, experiments, scale.by, spread, further)),
-        data=recording_sources(experiments), exhibits=coast_down_plots(experiments, stretches, fitted, ended),
+            {} if scale else {"ratio_covariance": ratio_covariance(ended, free, fitted)}),
+        findings=coast_down_findings(fitted, tested, stretches, experiments, scale, spread, further),
+        exhibits=coast_down_plots(experiments, stretches, fitted, ended),
         ratios=(*ratio_lines(ended, free, fitted), *no_load_speed(ended, free, fitted, runs)))
     if options.stages:
         joint = JointFit(experiments, stretches, runs, tuple(start_drives(start, free)), ended, fitted, prior,
-                      own.values if scale.known else {})
+                      own.values if scale else {})
         return fit_in_stages(result, joint, options.stages)
     if rigid is None:
         return result
-    if scale.known:
+    if scale:
         return as_drive_parameters(result, drive, rigid)
     lines = tuple(p.replace(name=names[p.name], unit=drive.unit(names[p.name])) for p in lines)
     return replace(result, drive=drive, parameters=lines)
@@ -143,12 +129,6 @@ def flux_decay(drive: Drive) -> float:
     return FLUX_TIME_CONSTANTS * side / drive.value("motor.rotor_resistance")
 
 
-def _covariance(free: Sequence[str], identified: Sequence[int], fitted: CoastDownFit) -> Covariance | None:
-    """Of the parameters that have intervals."""
-    return Covariance(tuple(free[i] for i in identified),
-                      fitted.covariance[np.ix_(identified, identified)]) if identified else None
-
-
 def _one_body(drive: Drive, rigid: RigidDrive, held: set[str]) -> Drive:
     """The whole drive as one body, with its known values."""
     known = {n: drive.values[whole] for n, whole in rigid.names.items() if n != INERTIA and whole in drive.values}
@@ -156,28 +136,28 @@ def _one_body(drive: Drive, rigid: RigidDrive, held: set[str]) -> Drive:
         known | {n: held_value(n, drive, rigid) for n in held})
 
 
-def _prior(drive: Drive, known: Covariance | None, held: set[str], own: Mapping[str, str]) -> Prior:
-    """The prior of inertia and friction from parameter files, by the names of one body."""
-    at = [i for i, n in enumerate(known.names) if own.get(n) in (INERTIA, *FRICTION)] if known else []
-    at = [i for i in at if own[known.names[i]] not in held and drive.values.get(own[known.names[i]]) is not None]
-    if not at:
+def _prior(drive: Drive, known: Covariance | None, own: Mapping[str, str]) -> Prior:
+    """The prior of inertia and friction from parameter files; own: their names there -> those of one body."""
+    found = known and known.part(n for n in known.names if n in own and drive.values.get(own[n]) is not None)
+    if found is None:
         return NO_PRIOR
-    names = tuple(own[known.names[i]] for i in at)
-    return Prior(names, np.array([drive.values[n] for n in names]), known.matrix[np.ix_(at, at)])
+    names = tuple(own[n] for n in found.names)
+    return Prior(names, np.array([drive.values[n] for n in names]), found.matrix)
 
 
-def _scale(drive: Drive, stretches: Sequence[Stretch], held: set[str], prior: Prior, free: Sequence[str]) -> Scale:
-    """The known scale between accelerations and torques; an added inertia that is fitted itself gives none."""
-    by = [_scale_by_torque(drive)] if any(not s.off for s in stretches) else []
+def _scales(drive: Drive, stretches: Sequence[Stretch], held: set[str], prior: Prior,
+            free: Sequence[str]) -> tuple[str, ...]:
+    """What gives the scale between accelerations and torques, in words; none: it is not known.
+
+    An added inertia that is fitted itself gives none.
+    """
+    torque = "a stretch under supply" if fed_by_voltages(drive) else "a stretch under torque"
+    by = [torque] if any(not s.off for s in stretches) else []
     added = [v for n, v in drive.values.items() if quantity_of(n) == "added_inertia" and record_of(n)
              and n not in free]
     by += [ADDED_INERTIA_TEXT] if any(added) else []
     by += [f"{n} as held" for n in sorted(held) if drive.value(n)]
-    return Scale((*by, *(f"{n} by its file" for n in prior.names)))
-
-
-def _scale_by_torque(drive: Drive) -> str:
-    return "a stretch under supply" if fed_by_voltages(drive) else "a stretch under torque"
+    return (*by, *(f"{n} by its file" for n in prior.names))
 
 
 def _law_test(ended: Drive, runs: Sequence[Run], prior: Prior, fitted: CoastDownFit,
@@ -197,9 +177,9 @@ def _law_test(ended: Drive, runs: Sequence[Run], prior: Prior, fitted: CoastDown
         ended, fitted.names, runs, prior, fitted) if fitted.misfit < MISFIT_SIGNIFICANCE else None
 
 
-def _check_scale(drive: Drive, fitted: CoastDownFit, scale: Scale) -> None:
+def _check_scale(drive: Drive, fitted: CoastDownFit, scale: Sequence[str]) -> None:
     """Refuse an added inertia as the only scale if it changes nothing: the drive's own would be unbounded."""
-    if INERTIA not in fitted.names or scale.by != (ADDED_INERTIA_TEXT,):
+    if INERTIA not in fitted.names or scale != (ADDED_INERTIA_TEXT,):
         return
     value = fitted.found[INERTIA]
     if not fitted.std(INERTIA) < MAX_STD_TO_VALUE * value:
@@ -212,15 +192,13 @@ def _check_scale(drive: Drive, fitted: CoastDownFit, scale: Scale) -> None:
             "as large as the drive's own.")
 
 
-def _with_start_values(drive: Drive, runs: Sequence[Run], stretches: Sequence[Stretch], scale: Scale,
+def _with_start_values(drive: Drive, runs: Sequence[Run], stretches: Sequence[Stretch], scale: Sequence[str],
              held: set[str]) -> Drive:
     """Start values: ratios from mean speeds of the coast-downs, and an inertia where there is a scale."""
     rates = _initial_ratios([r for r, s in zip(runs, stretches, strict=True) if s.off])
-    inertia = 1.0
-    if scale.known:
-        inertia = drive.value(INERTIA) or _first_inertia(runs, stretches, rates, drive)
+    inertia = (drive.value(INERTIA) or _first_inertia(runs, stretches, rates, drive)) if scale else 1.0
     found = {INERTIA: inertia, FRICTION[0]: inertia * rates[0], FRICTION[1]: inertia * rates[1], FRICTION[2]: 0.0}
-    if scale.known:
+    if scale:
         found |= {n: drive.value(n) or 0.0 for n in held}
     return drive.with_values(found)
 
@@ -285,39 +263,27 @@ def _direction(run: Run) -> float:
     return float(np.sign(values[-1] - values[0] if run.reading.role == "motor_angle" else np.mean(values)))
 
 
-def _has_torque_unit(drive: Drive, name: str) -> bool:
-    """Whether the unit of a parameter has a torque, so that a scale multiplies it."""
-    return "{T}" in drive.quantity(name).unit
-
-
-def _parameter_lines(own: Drive, ended: Drive, free: Sequence[str], fitted: CoastDownFit, scale: Scale,
-                     held: set[str], both: bool) -> tuple[Parameter, ...]:
+def _parameter_lines(own: Drive, ended: Drive, free: Sequence[str], fitted: CoastDownFit,
+                     scale: Sequence[str], held: set[str], both: bool) -> tuple[Parameter, ...]:
     """Inertia and friction, with intervals where a scale is known; parameters that need no scale always."""
     lines = []
     for name in dict.fromkeys((INERTIA, *FRICTION, *free)):
-        unit, initial = own.unit(name), own.values.get(name)
+        reason = ""
         if name in held:
-            lines.append(Parameter(name=name, value=own.value(name), unit=unit, start=initial, status="held",
-                                   reason="held by --hold"))
+            line = held_line(own, name, "held by --hold")
         elif name not in free and name != INERTIA:
-            lines.append(Parameter(name=name, value=own.value(name) or 0.0, unit=unit, start=initial,
-                                   status="not-identifiable",
-                                   reason="one direction only: included in the Coulomb friction"))
-        elif not scale.known and (name == INERTIA or _has_torque_unit(ended, name)):
-            lines.append(Parameter(name=name, value=initial if initial is not None else np.nan, unit=unit,
-                                   start=initial,
-                                   status="not-identifiable",
-                                   reason="without a torque only the ratio of friction to inertia is identifiable"))
+            line = line_of(own, name, own.value(name) or 0.0)
+            reason = "one direction only: included in the Coulomb friction"
+        elif not scale and (name == INERTIA or "{T}" in ended.quantity(name).unit):
+            line = line_of(own, name, own.values.get(name, np.nan))
+            reason = "without a torque only the ratio of friction to inertia is identifiable"
+        elif unidentified(name, free, fitted):
+            line = line_of(own, name, ended.values[name])
+            reason = "it has no significant effect on these coast-downs"
         else:
-            value, std = ended.values[name], fitted.std(name)
-            low = ended.quantity(name).bounds[0]
-            if unidentified(name, free, fitted):
-                lines.append(Parameter(name=name, value=value, unit=unit, start=initial, status="not-identifiable",
-                                       reason="it has no significant effect on these coast-downs"))
-                continue
-            lines.append(Parameter(
-                name=name, value=value, unit=unit, start=initial, std=std,
-                ci95=(max(value - Z95 * std, low), value + Z95 * std)))
+            line = line_of(own, name, ended.values[name]).with_interval(
+                fitted.std(name), (ended.quantity(name).bounds[0], np.inf))
+        lines.append(line.without_interval(reason, "not-identifiable") if reason else line)
     return (*lines, *_electrical_parameters(own))
 
 
@@ -325,9 +291,8 @@ def _electrical_parameters(drive: Drive) -> list[Parameter]:
     """The values of an induction motor that were taken as known."""
     if not fed_by_voltages(drive):
         return []
-    return [Parameter(name=n, value=drive.value(n), unit=drive.unit(n), start=drive.values.get(n), status="held",
-                      reason="taken as known")
-            for n in (name_of(drive.bodies[0], suffix) for suffix in INDUCTION.quantities)]
+    return [held_line(drive, n, "taken as known") for n in (
+        name_of(drive.bodies[0], suffix) for suffix in INDUCTION.quantities)]
 
 
 def _sensor_details(fitted: CoastDownFit) -> list[dict[str, float | str]]:

@@ -15,7 +15,7 @@ from drivetool.errors import Finding
 from drivetool.identify.coast_down.coast_down_fit import NO_PRIOR, SPEED_GROUPS, CoastDownFit, Run, fit
 from drivetool.identify.coast_down.laws import MISFIT_SIGNIFICANCE, AdditionalFrictionLaw
 from drivetool.identify.coast_down.stretches import Stretch, driving_input
-from drivetool.identify.estimate import Z95, Parameter, PlotData
+from drivetool.identify.estimate import Parameter, PlotData
 from drivetool.identify.plateaus import record_plot
 from drivetool.identify.setup import supply_of
 from drivetool.logs import Experiment
@@ -67,9 +67,8 @@ def ratio_lines(drive: Drive, free: Sequence[str], fitted: CoastDownFit) -> tupl
         std = float(np.sqrt(max(slope[slope != 0.0] @ variances @ slope[slope != 0.0], 0.0)))
         if unidentified(name, free, fitted):
             continue
-        found.append(Parameter(
-            name=ratio_name(name), value=value, unit=ratio_unit(drive, name), start=None, std=std,
-            ci95=(max(value - Z95 * std, drive.quantity(name).bounds[0]), value + Z95 * std)))
+        found.append(Parameter(name=ratio_name(name), value=value, unit=ratio_unit(drive, name)).with_interval(
+            std, (drive.quantity(name).bounds[0], np.inf)))
     return tuple(found)
 
 
@@ -104,8 +103,7 @@ def no_load_speed(
     slope = (net_torque(speed + SLOPE_STEP) - net_torque(speed - SLOPE_STEP)) / (2.0 * SLOPE_STEP)
     by, at = np.array([speed, 1.0]) / slope, [free.index(n) for n in names]
     std = float(np.sqrt(by @ fitted.covariance[np.ix_(at, at)] @ by))
-    return (Parameter(name="no_load_speed", value=speed, unit="rad/s", start=None, std=std,
-                      ci95=(speed - Z95 * std, speed + Z95 * std)),)
+    return (Parameter(name="no_load_speed", value=speed, unit="rad/s").with_interval(std),)
 
 
 def ratio_covariance(drive: Drive, free: Sequence[str], fitted: CoastDownFit) -> dict[str, object]:

@@ -106,7 +106,7 @@ def fit_in_stages(estimate: Estimate, joint: JointFit, windows: Sequence[tuple[f
 def _staged_parameter(line: Parameter, ended: Drive) -> Parameter:
     """A parameter with its value by stages."""
     value = ended.values[line.name]
-    return replace(line, value=value).without_interval(
+    return line.replace(value=value).without_interval(
         STAGED_FIT_REASON, "at-bound" if value in ended.quantity(line.name).bounds else "fitted")
 
 

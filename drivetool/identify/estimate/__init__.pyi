@@ -1,3 +1,8 @@
+from .builder import (
+    estimate_from_fit as estimate_from_fit,
+    free_run_figures as free_run_figures,
+    record_picture as record_picture,
+)
 from .derived_figures import derived_figures_of as derived_figures_of
 from .estimate import (
     Z95 as Z95,
@@ -18,8 +23,13 @@ from .interval_and_status import (
     inverted as inverted,
     parameters_of as parameters_of,
     sensitivity_to_held as sensitivity_to_held,
-    why_on_bound as why_on_bound,
     without_not_identifiable_findings as without_not_identifiable_findings,
+)
+from .lines import (
+    held_line as held_line,
+    in_order as in_order,
+    line_of as line_of,
+    whole_table as whole_table,
 )
 from .percent import fit_percent as fit_percent, fit_text as fit_text
 from .rounding import (

@@ -9,7 +9,7 @@ import numpy as np
 
 from drivetool.drive import Drive, resonances
 from drivetool.errors import DriveToolError
-from drivetool.identify.estimate.estimate import Z95, Covariance, Parameter
+from drivetool.identify.estimate.estimate import Covariance, Parameter
 from drivetool.quantity import name_of, names_of, quantity_of, record_of
 
 RESONANCE_QUANTITIES = ("inertia", "carried_mass", "stiffness")
@@ -61,17 +61,16 @@ def derived_figures_of(drive: Drive, lines: Sequence[Parameter], covariance: Cov
     slopes = slopes.reshape(len(known), len(figures))
     found = []
     for k, (name, (value, unit)) in enumerate(figures.items()):
+        line = Parameter(name=name, value=value, unit=unit)
         has_information = covariance is not None and (has_shape or name.partition("_")[0] in FRICTION_FORCES)
         variance = float(slopes[:, k] @ covariance.matrix @ slopes[:, k]) if has_information else 0.0
         if unknown_of[k] or not MIN_RELATIVE_STD * abs(value) < np.sqrt(max(variance, 0.0)) < np.inf:
             reason = (f"it depends on {', '.join(unknown_of[k])}, for which there is no interval" if unknown_of[k]
                       else "none of its parameters was fitted in this step")
-            found.append(Parameter(name=name, value=value, unit=unit, status="held", reason=reason))
+            found.append(line.without_interval(reason, "held"))
             continue
-        std = float(np.sqrt(variance))
         low = 0.0 if name.startswith(("coulomb_", "viscous_")) else -np.inf  # as the friction itself
-        found.append(Parameter(name=name, value=value, unit=unit, start=None, std=std,
-                               ci95=(max(value - Z95 * std, low), value + Z95 * std)))
+        found.append(line.with_interval(float(np.sqrt(variance)), (low, np.inf)))
     return tuple(found)
 
 
@@ -79,9 +78,9 @@ def _finite_part(covariance: Covariance | None) -> Covariance | None:
     """The part with finite variances."""
     if covariance is None:
         return None
-    index = np.flatnonzero(np.isfinite(np.diag(covariance.matrix)))
-    matrix = covariance.matrix[np.ix_(index, index)]
-    return Covariance(tuple(covariance.names[i] for i in index), matrix) if np.isfinite(matrix).all() else None
+    variances = zip(covariance.names, np.diag(covariance.matrix), strict=True)
+    part = covariance.part(n for n, variance in variances if np.isfinite(variance))
+    return part if part is not None and np.isfinite(part.matrix).all() else None
 
 
 def _figures_of(drive: Drive) -> dict[str, tuple[float, str]]:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -36,6 +36,27 @@ class Parameter(ParameterSection, kw_only=True):
     std_between: Number = None
     repeatability: Number = None
 
+    def with_interval(self, std: float, bounds: tuple[float, float] = (-np.inf, np.inf),
+                      half_width: float | None = None, **parts: Number) -> Parameter:
+        """The same with a standard deviation and its parts, and an interval that ends at the bounds.
+
+        half_width  of the interval; None: that of a normal distribution
+        """
+        (low, high), half = bounds, Z95 * std if half_width is None else half_width
+        return self.replace(std=std, ci95=(max(self.value - half, low), min(self.value + half, high)), **parts)
+
+    def at_bound(self, distance: float, bounds: tuple[float, float]) -> Parameter:
+        """The same where the fit ended at one of the bounds; distance: how far inside the value may lie, 95 %."""
+        low, high = bounds
+        inside = (low, min(low + distance, high)) if self.value <= low else (max(high - distance, low), high)
+        return self.replace(std=None, ci95=inside, status="at-bound",
+                            reason=f"the estimate lies at the bound {self.value:g}; the interval is one-sided")
+
+    def beyond_bound(self, low: float, half_width: float | None, reason: str) -> Parameter:
+        """The same set to its lower bound, where the estimate itself lies beyond; half_width: of its interval."""
+        inside = None if half_width is None else (low, max(low, self.value + half_width))
+        return self.replace(value=low, std=None, ci95=inside, status="at-bound", reason=reason)
+
     def without_interval(self, reason: str, status: Status | None = None) -> Parameter:
         """The same without an interval."""
         return self.replace(std=None, ci95=None, std_noise=None, std_structure=None, std_between=None,
@@ -60,6 +81,16 @@ class Covariance:
 
     names: tuple[str, ...]
     matrix: np.ndarray
+
+    def part(self, names: Iterable[str]) -> Covariance | None:
+        """That of some of the names, in the order given; None of none."""
+        index = [self.names.index(n) for n in names]
+        matrix = self.matrix[np.ix_(index, index)]
+        return Covariance(tuple(self.names[i] for i in index), matrix) if index else None
+
+    def without(self, names: Collection[str]) -> Covariance | None:
+        """That of all other names; None of none."""
+        return self.part(n for n in self.names if n not in names)
 
 
 @dataclass(frozen=True)

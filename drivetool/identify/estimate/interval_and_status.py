@@ -9,6 +9,7 @@ import numpy as np
 from drivetool.drive import TOTALS, Drive
 from drivetool.errors import Finding
 from drivetool.identify.estimate.estimate import Z95, Covariance, Parameter
+from drivetool.identify.estimate.lines import line_of, whole_table, with_intervals_only
 from drivetool.identify.problem import Normal, Problem, Solution, blocked_by_bounds, schur
 from drivetool.quantity import name_of, quantity_of, record_of, shared
 
@@ -84,39 +85,29 @@ def parameters_of(problem: Problem, solution: Solution, before: Drive, after: Dr
     covariance = covariance + _covariance_from_bounds(problem, solution, free)
     if extra is not None:
         covariance = covariance + extra
-    lines, findings = {}, []
+    lines, findings = [], []
     on_bound = blocked_by_bounds(problem, solution.point, solution.normal)
     for j, name in enumerate(problem.names):
         value = float(solution.point.values[j])
         std = float(np.sqrt(covariance[j, j])) if np.isfinite(covariance[j, j]) else None
-        low, high = problem.low[j], problem.high[j]
-        line = Parameter(name=name, value=value, unit=after.unit(name), start=before.known_value(name))
+        bounds = float(problem.low[j]), float(problem.high[j])
+        line = line_of(after, name, value).replace(start=before.known_value(name))
         identified = std is not None and is_identifiable(value, std, inflation[j], before, name)
         if not free[j] or (on_bound[j] and identified):
-            upper = _one_sided_distance(problem, solution, j)
-            limit = (float(low), float(min(low + upper, high))) if value <= low else (
-                float(max(high - upper, low)), float(high))
-            lines[name] = line.replace(ci95=limit, status="at-bound", reason=why_on_bound(value))
+            lines.append(line.at_bound(_one_sided_distance(problem, solution, j), bounds))
         elif not identified:
             partners = correlated_with(covariance, problem.names, j) if np.isfinite(inflation[j]) else [
                 n for i, n in enumerate(problem.names) if i != j and free[i] and not np.isfinite(inflation[i])]
             reason = why_not_identifiable(name, partners, after)
-            lines[name] = line.replace(status="not-identifiable", reason=reason)
+            lines.append(line.without_interval(reason, "not-identifiable"))
             findings.append(Finding(
                 "warning", "not-identifiable", f"{name} is not identifiable from this record: {reason}.",
                 {"value": value, **({"std": std} if std is not None else {})}, experiment_for(name, after),
                 parameter=None if name in after.known_torques else name))  # the factor of a law is none of a drive
         else:
-            ci = (max(value - Z95 * std, float(low)), min(value + Z95 * std, float(high)))
-            lines[name] = line.replace(std=std, ci95=ci)
-    for name, value in after.values.items():
-        lines.setdefault(name, Parameter(name=name, value=float(value), unit=after.unit(name), start=float(value),
-                                         status="held", reason=_why_held(name)))
-    order = [n for n in after.quantities if n in lines]
-    fitted = [j for j, n in enumerate(problem.names) if lines[n].status == "fitted"]
-    matrix = covariance[np.ix_(fitted, fitted)]
-    shared = Covariance(tuple(problem.names[j] for j in fitted), matrix) if fitted else None
-    return tuple(lines[n] for n in order), shared, tuple(findings)
+            lines.append(line.with_interval(std, bounds))
+    shared = with_intervals_only(Covariance(problem.names, covariance), lines)
+    return whole_table(lines, after, _why_held), shared, tuple(findings)
 
 
 def without_not_identifiable_findings(findings: Sequence[Finding], names: Collection[str]) -> list[Finding]:
@@ -126,11 +117,6 @@ def without_not_identifiable_findings(findings: Sequence[Finding], names: Collec
 
 def _why_held(name: str) -> str:
     return "stated for this recording" if record_of(name) else "held at its start value"
-
-
-def why_on_bound(value: float) -> str:
-    """Why a value has no interval to both sides."""
-    return f"the estimate lies at the bound {value:g}; the interval is one-sided"
 
 
 def _covariance_from_bounds(problem: Problem, solution: Solution, free: np.ndarray) -> np.ndarray:

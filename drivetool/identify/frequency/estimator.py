@@ -93,8 +93,7 @@ def spectra(experiments: Sequence[Experiment], options: SpectraOptions) -> Spect
     unit = f"{e.unit(output.replace('angle', 'speed'))}/{e.unit('motor_torque')}"
     draft = Spectrum(
         "motor_torque", output, unit, found, tuple(each), _std_over_runs(found, each), levels,
-        loop, settings, (), (), tuple(x.source for x in experiments))
-    draft = replace(draft, peaks=peaks_of(found))
+        loop, settings, peaks_of(found), (), tuple(x.source for x in experiments))
     return replace(draft, findings=findings_of(draft, reference), exhibits=pictures(draft))
 
 

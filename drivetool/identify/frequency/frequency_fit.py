@@ -13,7 +13,14 @@ import numpy as np
 
 from drivetool.drive import Drive
 from drivetool.errors import BadOption, Finding, NotEnoughData
-from drivetool.identify.estimate import Estimate, PlotData, covariance_of, fit_percent, parameters_of
+from drivetool.identify.estimate import (
+    Estimate,
+    PlotData,
+    covariance_of,
+    estimate_from_fit,
+    fit_percent,
+    parameters_of,
+)
 from drivetool.identify.frequency.estimator import SpectraOptions, spectra
 from drivetool.identify.frequency.frf import Response
 from drivetool.identify.frequency.spectrum import Spectrum
@@ -219,15 +226,14 @@ def greybox_by_frequency(experiments: Sequence[Experiment], drive: Drive, free: 
     lines, covariance, more = parameters_of(problem, solution, drive, after, extra)
     figures = {"chi_square_per_degree": float(chi), "lines": len(r.frequency),
                "log_fit_percent": _log_fit(problem, solution), "n": int(sum(e.size for e in experiments))}
-    return Estimate(
-        "greybox", after, lines,
-        f"{'converged' if solution.converged else 'stopped'} after {solution.iterations} iterations on "
+    return estimate_from_fit(
+        "greybox", experiments, after, lines, covariance,
+        outcome=f"{'converged' if solution.converged else 'stopped'} after {solution.iterations} iterations on "
         f"{len(r.frequency)} lines from {r.frequency[0]:.4g} to {r.frequency[-1]:.4g} Hz, weighted by "
         f"{options.weighting}",
-        figures, covariance, {},
-        {"criterion": "frequency", "weighting": options.weighting, "spectra": dict(s.settings)},
-        (*s.findings, *more, *_residual_findings(chi, options)), tuple(e.source for e in experiments), {},
-        (picture(problem, solution, s),))
+        fit=figures,
+        details={"criterion": "frequency", "weighting": options.weighting, "spectra": dict(s.settings)},
+        findings=(*s.findings, *more, *_residual_findings(chi, options)), exhibits=(picture(problem, solution, s),))
 
 
 def _friction_in_parts(drive: Drive, names: tuple[str, ...], output: str, step: float, r: Response,

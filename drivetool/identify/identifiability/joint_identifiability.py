@@ -19,22 +19,15 @@ from drivetool.quantity import names_of, parse_name, quantity_of
 CANCELLATION_TOLERANCE = 1e-9
 
 
-def without_joint_intervals(lines: Sequence[Parameter], covariance: Covariance | None, task: Task,
-                            known: Covariance | None,
-                           ) -> tuple[tuple[Parameter, ...], Covariance | None]:
-    """The lines and their covariance without the intervals that hold for a sum only; the reason states that sum.
+def without_joint_intervals(lines: Sequence[Parameter], task: Task,
+                            known: Covariance | None) -> tuple[Parameter, ...]:
+    """The lines without the intervals that hold for a sum only; the reason states that sum.
 
     task   at the estimate
     known  covariance of the given values: the intervals already contain a friction of known uncertainty
     """
     lines = _unidirectional_idle_torque(lines, task, () if known is None else known.names)
-    lines = tuple(_lumped_friction_line(p, task) for p in lines)
-    without_std = {p.name for p in lines if p.std is None}
-    if covariance is not None and without_std & set(covariance.names):
-        index = [i for i, n in enumerate(covariance.names) if n not in without_std]
-        covariance = Covariance(tuple(covariance.names[i] for i in index),
-                                covariance.matrix[np.ix_(index, index)]) if index else None
-    return lines, covariance
+    return tuple(_lumped_friction_line(p, task) for p in lines)
 
 
 def only_ratios(outcome: Outcome) -> bool:

@@ -9,10 +9,8 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import replace
 
-import numpy as np
-
 from drivetool.errors import Finding
-from drivetool.identify.estimate import Covariance, Estimate, without_intervals, without_not_identifiable_findings
+from drivetool.identify.estimate import Estimate, without_intervals, without_not_identifiable_findings
 from drivetool.identify.noise import Fit, fit_innovations
 from drivetool.identify.setup import Outcome, first_point, has_gap
 from drivetool.quantity import name_of
@@ -73,13 +71,9 @@ def without_shaft_intervals(estimate: Estimate, shaft: str, reason: str) -> Esti
         name_of(body, what) for body in drive.bodies[k:k + 2] for what in ("inertia", "carried_mass"))}
     lines = tuple(p.without_interval(reason, "not-identifiable")
                   if p.name in names and p.status in ("fitted", "at-bound") else p for p in estimate.parameters)
-    covariance = estimate.covariance
-    if covariance is not None:
-        index = [i for i, n in enumerate(covariance.names) if n not in names]
-        covariance = Covariance(tuple(covariance.names[i] for i in index),
-                                covariance.matrix[np.ix_(index, index)]) if index else None
     # The findings of the fit on each of them hold for a drive with that resonance.
     others = without_not_identifiable_findings(estimate.findings, names)
+    covariance = estimate.covariance and estimate.covariance.without(names)
     return replace(estimate, parameters=lines, covariance=covariance, findings=tuple(others))
 
 

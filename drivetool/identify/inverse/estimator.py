@@ -21,6 +21,7 @@ from drivetool.identify.estimate import (
     Parameter,
     PlotData,
     covariance_of,
+    estimate_from_fit,
     parameters_of,
 )
 from drivetool.identify.inverse.missing_laws import own_parameters_of, solve_with_laws, with_laws
@@ -118,11 +119,12 @@ def greybox_by_inverse(experiments: Sequence[Experiment], drive: Drive, free: Se
                  *(() if reference else _open_loop_findings(experiments, sensor))]
     if f.over_sd > MAX_RESIDUAL_OVER_SD:
         findings.append(_explains_nothing_finding(f.over_sd))
-        lines, covariance = tuple(_without_interval(p) for p in lines), None
-    return Estimate(
-        "greybox", alone.drive, lines, _outcome_sentence(fit, reference), figures, covariance, {},
-        {"criterion": "inverse", "outputs": ["motor_torque"], "instruments": reference or "none"}, tuple(findings),
-        tuple(e.source for e in experiments), {}, exhibits, None, _laws_sentence(laws), laws)
+        lines = tuple(p if p.status == "held" else p.without_interval(
+            "the inverse model explains none of the torque") for p in lines)
+    return estimate_from_fit(
+        "greybox", experiments, alone.drive, lines, covariance, outcome=_outcome_sentence(fit, reference),
+        fit=figures, findings=findings, exhibits=exhibits, explanation=_laws_sentence(laws), laws=laws,
+        details={"criterion": "inverse", "outputs": ["motor_torque"], "instruments": reference or "none"})
 
 
 def check_inverse_options(drive: Drive, free: Sequence[str], options: Options) -> None:
@@ -220,13 +222,12 @@ def _max_noise_bias(fit: InverseFit, rows: Sequence[Rows], inverse: np.ndarray) 
 
 def _held_value_covariance(fit: InverseFit, known: Covariance | None) -> np.ndarray:
     """(k, k) covariance that the uncertainty of held values adds."""
-    names = [n for n in (known.names if known else ()) if n in fit.at.drive.values and n not in fit.at.free]
-    if known is None or not names:
+    held = known and known.part(n for n in known.names if n in fit.at.drive.values and n not in fit.at.free)
+    if held is None:
         return np.zeros_like(fit.covariance)
-    slopes = replace(fit.at, free=tuple(names)).rows()
+    slopes = replace(fit.at, free=held.names).rows()
     gain = fit.inverse @ sum(r.instruments.T @ s.slopes for r, s in zip(fit.rows, slopes, strict=True))
-    index = [known.names.index(n) for n in names]
-    return gain @ known.matrix[np.ix_(index, index)] @ gain.T
+    return gain @ held.matrix @ gain.T
 
 
 def _parameter_lines(fit: InverseFit, before: Drive, after: Drive, line: np.ndarray, held: np.ndarray,
@@ -249,21 +250,19 @@ def _parameter_lines(fit: InverseFit, before: Drive, after: Drive, line: np.ndar
     parts[range(len(own)), range(len(own))] = structure**2
     extra = np.where(off_bound[:, None] & off_bound & np.isfinite(plain), noise + parts - plain, 0.0)
     lines, _, findings = parameters_of(problem, solution, drive, fit.at.drive, extra)
-    noise, found, fitted = line @ noise @ line.T, [], []
+    noise, found = line @ noise @ line.T, []
     for p in lines:
         if p.name in drive.known_torques:
             continue
         if p.status == "fitted" and p.name in own:
-            j, value = own.index(p.name), after.values[p.name]
-            std = float(np.hypot(np.sqrt(max(noise[j, j], 0.0)), structure[j]))
-            lowest, highest = after.quantity(p.name).bounds
-            p = p.replace(value=value, std=std, std_noise=float(np.sqrt(max(noise[j, j], 0.0))),
-                          std_structure=float(structure[j]),
-                          ci95=(max(value - Z95 * std, lowest), min(value + Z95 * std, highest)))
-            fitted.append(j)
+            j = own.index(p.name)
+            by_noise = np.sqrt(max(noise[j, j], 0.0))
+            p = p.replace(value=after.values[p.name]).with_interval(
+                float(np.hypot(by_noise, structure[j])), after.quantity(p.name).bounds, std_noise=float(by_noise),
+                std_structure=float(structure[j]))
         found.append(p.replace(value=after.values.get(p.name, p.value)))
-    matrix = (noise + np.diag(structure**2))[np.ix_(fitted, fitted)]
-    covariance = Covariance(tuple(own[j] for j in fitted), matrix) if fitted else None
+    covariance = Covariance(tuple(own), noise + np.diag(structure**2)).part(
+        [p.name for p in found if p.name in own and p.std is not None])
     return tuple(found), covariance, tuple(f for f in findings if not any(n in f.text for n in drive.known_torques))
 
 
@@ -291,11 +290,6 @@ def _outcome_sentence(fit: InverseFit, reference: str | None) -> str:
     band = fit.at.seen.each[0].smoothing.cutoff / fit.at.experiments[0].step
     by = f"with instruments from {reference}" if fit.at.predicted else "by least squares"
     return f"{how} after {fit.steps} steps, {by}, torque regressed on the motion up to {band:.3g} Hz"
-
-
-def _without_interval(p: Parameter) -> Parameter:
-    why = "the inverse model explains none of the torque"
-    return p if p.status == "held" else p.without_interval(why)
 
 
 def _no_instrument_finding(why: str) -> Finding:

@@ -12,7 +12,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from drivetool.errors import Finding
-from drivetool.identify.estimate import Z95, Z95_ONE_SIDED, Covariance, FoundLaw, Parameter, why_on_bound
+from drivetool.identify.estimate import Z95, Z95_ONE_SIDED, Covariance, FoundLaw, Parameter
 from drivetool.identify.fit import with_coloured_noise
 from drivetool.identify.laws.candidates import Candidate, CandidateSet, candidates_of, why_single_candidate
 from drivetool.identify.laws.free_run_test import run_length
@@ -372,7 +372,7 @@ def with_total_uncertainty(lines: Sequence[Parameter], e: Explanation,
     if extra is not None:
         more = e.line @ extra @ e.line.T
         e = replace(e, std_noise=np.sqrt(e.std_noise**2 + np.diag(more)), covariance=e.covariance + more)
-    own, found, kept = dict(zip(e.own.free, range(len(e.own.free)), strict=True)), [], []
+    own, found = dict(zip(e.own.free, range(len(e.own.free)), strict=True)), []
     for p in lines:
         if p.name not in own:
             if p.name not in e.outcome.task.drive.known_torques:
@@ -380,19 +380,13 @@ def with_total_uncertainty(lines: Sequence[Parameter], e: Explanation,
             continue
         j = own[p.name]
         value, std = float(e.own.drive.values[p.name]), float(np.sqrt(e.covariance[j, j]))
-        low, high = e.own.drive.quantity(p.name).bounds
-        if p.status not in ("fitted", "at-bound") or (p.status == "at-bound" and value in (low, high)):
-            found.append(p.replace(value=value))
-            continue
-        if value in (low, high):
-            half_width = Z95_ONE_SIDED * std
-            ci = (low, min(low + half_width, high)) if value == low else (max(high - half_width, low), high)
-            found.append(p.replace(value=value, std=None, ci95=ci, status="at-bound", reason=why_on_bound(value)))
-            continue
-        p = p.replace(status="fitted", reason="")
-        ci = (max(value - Z95 * std, low), min(value + Z95 * std, high))
-        found.append(p.replace(value=value, std=std, ci95=ci, std_noise=float(e.std_noise[j]),
-                               std_structure=float(e.std_structure[j]) if e.asked is None or e.asked[j] else None))
-        kept.append(j)
-    names = tuple(e.own.free[j] for j in kept)
-    return tuple(found), Covariance(names, e.covariance[np.ix_(kept, kept)]) if kept else None
+        bounds, p = e.own.drive.quantity(p.name).bounds, p.replace(value=value)
+        if p.status in ("fitted", "at-bound") and value not in bounds:
+            p = p.replace(status="fitted", reason="").with_interval(
+                std, bounds, std_noise=float(e.std_noise[j]),
+                std_structure=float(e.std_structure[j]) if e.asked is None or e.asked[j] else None)
+        elif p.status == "fitted":
+            p = p.at_bound(Z95_ONE_SIDED * std, bounds)
+        found.append(p)
+    kept = [p.name for p in found if p.name in own and p.std is not None]
+    return tuple(found), Covariance(e.own.free, e.covariance).part(kept)

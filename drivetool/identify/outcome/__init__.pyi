@@ -1,11 +1,10 @@
 from .composition import (
     CORRELATED as CORRELATED,
     compose as compose,
+    estimate_from_outcome as estimate_from_outcome,
     held_value_sensitivity as held_value_sensitivity,
-    how_it_ended as how_it_ended,
-    noise_parameters as noise_parameters,
     not_converged as not_converged,
-    one_step_percent as one_step_percent,
+    outcome_figures as outcome_figures,
     record_plots as record_plots,
     still_correlated as still_correlated,
 )

@@ -4,10 +4,13 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
+from functools import reduce
+from typing import Any
 
 import numpy as np
 
 from drivetool.drive import TOTALS, Drive
+from drivetool.drive.simulation import Trace
 from drivetool.errors import Finding
 from drivetool.identify.estimate import (
     Covariance,
@@ -16,9 +19,12 @@ from drivetool.identify.estimate import (
     PlotData,
     StartsSection,
     covariance_of,
+    estimate_from_fit,
     explains_to_rounding,
     fit_percent,
+    free_run_figures,
     parameters_of,
+    record_picture,
     rounding_finding,
     sensitivity_to_held,
     without_intervals,
@@ -37,7 +43,6 @@ from drivetool.identify.outcome.repeats import recording_estimates, repeatabilit
 from drivetool.identify.problem import Point, schur
 from drivetool.identify.setup import UNNAMED_RECORDINGS, Outcome, Task, contradicted_start_findings, problem_of
 from drivetool.identify.starts import MAX_AGREEING_LOSS, start_agrees
-from drivetool.logs import recording_sources
 from drivetool.quantity import name_of, names_of, quantity_of
 
 # Standard deviations between the values of two steps. A choice: far beyond chance, since model errors differ, too.
@@ -73,32 +78,34 @@ def compose(step: str, before: Drive, outcome: Outcome, findings: Sequence[Findi
     lines, covariance, more = _parameter_lines(before, own, outcome, known, explanation)
     _, _, runs = free_run(own, noise=outcome.fit.noise if outcome.fit else None)
     traces = own.problem(free=()).traces
-    y = np.concatenate([t.outputs[:, 0] for t in traces])
-    simulated = np.concatenate([r[:, 0] for r in runs])
-    figures = {
-        "simulation_fit_percent": fit_percent(y, simulated), **(explanation.figures if explanation else {}),
-        "one_step_fit_percent": one_step_percent(outcome, y),
-        "rmse": float(np.sqrt(np.nanmean((y - simulated) ** 2))),
-        "n": int(np.isfinite(y).sum()),
-        **(fit or {}),
-    }
-    noise, noise_findings = noise_parameters(outcome)
+    figures = outcome_figures(outcome, traces, runs, explanation.figures if explanation else None)
     exact = explains_to_rounding(traces, runs)
     repeats = not exact and still_correlated(outcome)
+    last = [correlated] if repeats else []
     if exact:
-        role, unit = task.roles.outputs[0], _unit_of_role(task.roles.outputs[0], task.experiments[0])
-        noise_findings.append(rounding_finding(f"the {role.replace('_', ' ')}", figures["rmse"], unit))
-    if repeats:
-        noise_findings.append(correlated)
-    return Estimate(
-        step, own.drive, lines, how_it_ended(outcome), figures, covariance, noise,
-        {**(details or {}), "starts": list(outcome.starts), "outputs": list(task.roles.outputs),
-         **_known_start_details(task)},
-        (*findings, *more, *noise_findings),
-        recording_sources(task.experiments), {},
-        record_plots(outcome, traces, runs), starts_of(outcome),
-        *(("", ()) if explanation is None else (explanation.sentence, explanation.laws)),
-        repeats=repeats)
+        role, unit = task.roles.outputs[0], task.experiments[0].unit(task.roles.outputs[0])
+        last = [rounding_finding(f"the {role.replace('_', ' ')}", figures["rmse"], unit)]
+    return estimate_from_outcome(
+        step, own.drive, lines, covariance, outcome, fit=figures | dict(fit or {}), details=details or {},
+        findings=(*findings, *more), last_findings=last, exhibits=record_plots(outcome, traces, runs),
+        starts=starts_of(outcome), repeats=repeats,
+        **({} if explanation is None else {"explanation": explanation.sentence, "laws": explanation.laws}))
+
+
+def estimate_from_outcome(step: str, drive: Drive, lines: Sequence[Parameter], covariance: Covariance | None,
+                          outcome: Outcome, *, details: Mapping[str, object], findings: Sequence[Finding],
+                          last_findings: Sequence[Finding], **more: Any) -> Estimate:
+    """The estimate of a step, with what every outcome of the engine states: its noise, its starts, how it ended.
+
+    findings  of the step, before those on the noise; last_findings: behind them
+    more      further arguments of `estimate_from_fit`
+    """
+    noise, noise_findings = noise_parameters(outcome)
+    return estimate_from_fit(
+        step, outcome.task.experiments, drive, lines, covariance, outcome=how_it_ended(outcome), noise=noise,
+        details={**details, "starts": list(outcome.starts), "outputs": list(outcome.task.roles.outputs),
+                 **_known_start_details(outcome.task)},
+        findings=(*findings, *noise_findings, *last_findings), **more)
 
 
 def _parameter_lines(before: Drive, own: Task, outcome: Outcome, known: Covariance | None,
@@ -109,10 +116,11 @@ def _parameter_lines(before: Drive, own: Task, outcome: Outcome, known: Covarian
     own  the task at the reported values
     """
     problem, after = outcome.problem, outcome.drive
-    extra, held = _held_value_covariance(outcome, known)
-    extra = _sum_of_covariances(extra, _friction_split_covariance(outcome))
-    if outcome.fit is not None:
-        extra = _sum_of_covariances(extra, noise_ratio_covariance(problem, outcome.fit))
+    by_held, held = _held_value_covariance(outcome, known)
+    parts = (by_held, _friction_split_covariance(outcome),
+             outcome.fit and noise_ratio_covariance(problem, outcome.fit))
+    known_parts = [part for part in parts if part is not None]
+    extra = reduce(np.add, known_parts) if known_parts else None
     known_too = replace(before, known_torques=after.known_torques)
     lines, covariance, findings = parameters_of(problem, outcome.solution, known_too, after, extra)
     own_sides = any(r.endswith("_torque") for r in outcome.task.roles.outputs)
@@ -128,7 +136,7 @@ def _parameter_lines(before: Drive, own: Task, outcome: Outcome, known: Covarian
     if only_ratios(outcome):
         lines, ratios = without_torque_intervals(lines, outcome)
         findings, more = (), [*more, ratios]
-    lines, covariance = without_joint_intervals(lines, covariance, own, known)
+    lines = without_joint_intervals(lines, own, known)
     if not_converged(outcome):
         lines, covariance, more = without_intervals(lines), None, [*more, _not_converged_finding(outcome)]
     if explanation is not None and explanation.torque_explains_nothing:
@@ -159,9 +167,8 @@ def inconsistent_with_prior(known: Covariance | None, before: Drive, after: Driv
         shares = np.array([after.referred_share(n) if len(parts) > 1 else 1.0 for n in parts])
         if was not in before.values or not set(parts) <= set(now.names):
             continue
-        index = [now.names.index(n) for n in parts]
         value = float(shares @ [after.values[n] for n in parts])
-        total = std**2 + float(shares @ now.matrix[np.ix_(index, index)] @ shares)
+        total = std**2 + float(shares @ now.part(parts).matrix @ shares)
         z = (value - before.values[was]) / np.sqrt(total)
         friction = own_sides and quantity_of(was) in TOTALS.values()
         if abs(z) > (MAX_FRICTION_DEVIATION if friction else MAX_PRIOR_DEVIATION):
@@ -219,17 +226,16 @@ def _not_converged_finding(outcome: Outcome) -> Finding:
 def held_value_sensitivity(outcome: Outcome, known: Covariance | None) -> tuple[np.ndarray, Covariance] | None:
     """((k, m) how the k fitted values move with each of m held ones, their covariance); None: none has one."""
     task = outcome.task
-    names = tuple(n for n in known.names if n not in task.free and n in task.drive.quantities) if known else ()
-    total = [n for n in names if n in task.drive.values]
-    if known is None or not total or not task.free or outcome.fit is None:
+    held = known and known.part(n for n in known.names if n not in task.free and n in task.drive.quantities
+                                and n in task.drive.values)
+    if held is None or not task.free or outcome.fit is None:
         return None
-    index = [known.names.index(n) for n in total]
-    held = Covariance(tuple(total), known.matrix[np.ix_(index, index)])
     task = task.at_point(outcome.solution.point)
-    problem = problem_of(task.drive, (*task.free, *total), task.roles, outcome.problem.traces)
+    problem = problem_of(task.drive, (*task.free, *held.names), task.roles, outcome.problem.traces)
     values = np.array([task.drive.value(n) for n in problem.names])
     point = Point(values, outcome.solution.point.starts)
-    return sensitivity_to_held(filtered_normal_equations(problem, point, outcome.fit.noise), len(task.free)), held
+    normal = filtered_normal_equations(problem, point, outcome.fit.noise)
+    return sensitivity_to_held(normal, len(task.free)), held
 
 
 def _held_value_covariance(outcome: Outcome, known: Covariance | None) -> tuple[np.ndarray | None, list[Finding]]:
@@ -249,10 +255,6 @@ def _held_value_covariance(outcome: Outcome, known: Covariance | None) -> tuple[
         "note", "held-values-dominate",
         f"The uncertainty of held values dominates the interval of {', '.join(heavy)}.",
         heavy, f"This record may identify them better: add --free {' --free '.join(held.names[:4])}.")]
-
-
-def _sum_of_covariances(a: np.ndarray | None, b: np.ndarray | None) -> np.ndarray | None:
-    return b if a is None else a if b is None else a + b
 
 
 def _friction_split_covariance(outcome: Outcome) -> np.ndarray | None:
@@ -309,12 +311,14 @@ def _shifts_per_unit(outcome: Outcome, drive: Drive, free: Sequence[str], more: 
     return list(moved.T.copy())
 
 
-def one_step_percent(outcome: Outcome, y: np.ndarray) -> float | None:
-    if outcome.fit is None:
-        return None
-    predicted = np.concatenate([t.outputs[:, 0] - f.innovations[:, 0] for t, f in zip(
-        outcome.problem.traces, outcome.fit.passes, strict=True)])
-    return fit_percent(y, predicted)
+def outcome_figures(outcome: Outcome, traces: Sequence[Trace], runs: Sequence[np.ndarray],
+                    more: Mapping[str, float | int | None] | None = None) -> dict[str, float | int | None]:
+    """Figures of the first output: of free runs, (n, ny) of each trace, with further ones, and of one step."""
+    y, simulated = (np.concatenate([each[:, 0] for each in table]) for table in ([t.outputs for t in traces], runs))
+    passes = outcome.fit and zip(outcome.problem.traces, outcome.fit.passes, strict=True)
+    one_step = passes and fit_percent(y, np.concatenate([
+        t.outputs[:, 0] - f.innovations[:, 0] for t, f in passes]))
+    return free_run_figures(y, simulated, one_step, more)
 
 
 def how_it_ended(outcome: Outcome) -> str:
@@ -364,11 +368,10 @@ def still_correlated(outcome: Outcome) -> bool:
     return outcome.fit is not None and looks_coloured(outcome.fit.passes)
 
 
-def record_plots(outcome: Outcome, traces, runs) -> tuple[PlotData, ...]:
+def record_plots(outcome: Outcome, traces: Sequence[Trace], runs: Sequence[np.ndarray]) -> tuple[PlotData, ...]:
     """Measured and simulated of every sensor; those of the second and further ones have its name and unit."""
     task = outcome.task
-    names = [f"{role.replace('_', ' ')} [{_unit_of_role(role, task.experiments[0])}]"
-             for role in task.roles.outputs]
+    names = [f"{role.replace('_', ' ')} [{task.experiments[0].unit(role)}]" for role in task.roles.outputs]
     found, done = [], 0
     for e in task.experiments:
         count = sum(b - a >= 10 for a, b in e.segments)  # traces come in this order
@@ -378,14 +381,8 @@ def record_plots(outcome: Outcome, traces, runs) -> tuple[PlotData, ...]:
         s = np.concatenate([runs[i] for i in mine])
         u = np.concatenate([traces[i].inputs[:, 0] for i in mine])
         t = np.concatenate([e.time[a:b] for a, b in e.segments if b - a >= 10])
-        found.append(PlotData("record", f"{e.name}: measured and simulated", "time [s]", names[0], {
-            f"{word} {name}".strip(): (t, values[:, k]) for k, name in enumerate(["", *names[1:]])
+        found.append(record_picture(f"{e.name}: measured and simulated", names[0], t, y[:, 0], s[:, 0], {
+            f"{word} {name}": values[:, k] for k, name in enumerate(names[1:], 1)
             for word, values in (("measured", y), ("simulated", s), ("residual", y - s))} | {
-            f"torque [{e.torque_unit}]": (t, u)}))
+            f"torque [{e.torque_unit}]": u}))
     return tuple(found)
-
-
-def _unit_of_role(role: str, experiment) -> str:
-    if role.endswith("speed"):
-        return f"{experiment.motion_unit}/s"
-    return experiment.motion_unit if role.endswith("angle") else experiment.torque_unit

@@ -168,10 +168,9 @@ def with_scatter(lines: Sequence[Parameter], covariance: Covariance | None, name
                              if repeats.between[j, j] > 0.0 else 0.0))
         std = float(np.hypot(p.std, more))
         half = half_width(std, float(np.sqrt(repeats.between[j, j])), float(repeats.count[j]))
-        low, high = drive.quantity(p.name).bounds
         added[p.name] = more
-        found.append(p.replace(std=std, ci95=(max(p.value - half, low), min(p.value + half, high)),
-                               std_between=more, repeatability=float(repeats.scatter[j])))
+        found.append(p.with_interval(std, drive.quantity(p.name).bounds, half, std_between=more,
+                                     repeatability=float(repeats.scatter[j])))
         if repeats.p[j] < MACHINE_SCATTER_SIGNIFICANCE / len(names):
             reported[p.name] = f"{p.name} by {repeats.scatter[j]:.2g} {p.unit}".rstrip(), float(repeats.scatter[j])
     if covariance is not None:

@@ -9,7 +9,7 @@ import numpy as np
 
 from drivetool.drive import Drive
 from drivetool.errors import Finding
-from drivetool.identify.estimate import Parameter, PlotData
+from drivetool.identify.estimate import Parameter, PlotData, line_of
 from drivetool.identify.plateaus.intervals import speed_of
 from drivetool.identify.plateaus.line import FrictionLine
 from drivetool.identify.plateaus.points import SteadyPoints
@@ -50,27 +50,22 @@ class LineTask:
 def line_parameter(name: str, key: str, task: LineTask, points: SteadyPoints, line: FrictionLine,
                    drive: Drive) -> Parameter:
     """One part of the line as a parameter."""
-    unit, value = drive.unit(name), line.values[key]
-    start = drive.values.get(name)
-    if start is None and owner_of(name) == "total":
-        start = task.start.get(key)
+    found = line_of(drive, name, line.values[key])
+    if found.start is None and owner_of(name) == "total":
+        found = found.replace(start=task.start.get(key))
     if key in line.at_bound:
         free, std = line.at_bound[key]
-        return Parameter(name=name, value=0.0, unit=unit, start=start,
-                         ci95=(0.0, max(0.0, free + line.quantile * std)),
-                         status="at-bound",
-                         reason=f"estimated as {free:.4g} +- {std:.2g} {unit}; friction cannot be negative")
+        return found.replace(value=free).beyond_bound(
+            0.0, line.quantile * std,
+            f"estimated as {free:.4g} +- {std:.2g} {found.unit}; friction cannot be negative")
     if key in line.conditional:
-        return Parameter(name=name, value=value, unit=unit, start=start, status="not-identifiable",
-                         reason=_why_not_identifiable(key, points, line))
+        return found.without_interval(_why_not_identifiable(key, points, line), "not-identifiable")
     if key not in line.free:
-        return Parameter(name=name, value=value, unit=unit, start=start, status="not-identifiable",
-                         reason="one direction only: included in the idle torque; steady running in both "
-                         "directions separates them")
+        return found.without_interval("one direction only: included in the idle torque; steady running in both "
+                                      "directions separates them", "not-identifiable")
     at = line.free.index(key)
     std = float(np.sqrt(line.covariance[at, at]))
-    half = line.quantile * std
-    return Parameter(name=name, value=value, unit=unit, start=start, std=std, ci95=(value - half, value + half))
+    return found.with_interval(std, half_width=line.quantile * std)
 
 
 def _why_not_identifiable(key: str, points: SteadyPoints, line: FrictionLine) -> str:

@@ -13,7 +13,7 @@ from dataclasses import replace
 import numpy as np
 
 from drivetool.drive import TOTALS, Drive, state_space
-from drivetool.identify.estimate import Z95, Z95_ONE_SIDED, Covariance, Parameter
+from drivetool.identify.estimate import Z95_ONE_SIDED, Covariance, Parameter, held_line, line_of, whole_table
 from drivetool.identify.frequency import LineProblem
 from drivetool.identify.polynomial.cauer import chain_of
 from drivetool.identify.polynomial.pem_figures import MAX_RINGING_DAMPING, ModelFigures
@@ -164,31 +164,21 @@ def _response_slopes(problem: LineProblem, f: ModelFigures) -> np.ndarray:
 def chain_parameters(drive: Drive, found: Mapping[str, tuple[float, float | None]], hold: Sequence[str] = (),
              ) -> tuple[Parameter, ...]:
     """One line per value of the drive, held ones included."""
-    lines = {}
+    lines = []
     for name, (value, std) in found.items():
-        start, (low, high) = drive.values.get(name), drive.quantity(name).bounds
-        line = Parameter(name=name, value=value, unit=drive.unit(name), start=start)
+        line, (low, high) = line_of(drive, name, value), drive.quantity(name).bounds
         if name in hold:
-            lines[name] = Parameter(name=name, value=drive.value(name), unit=drive.unit(name), start=start,
-                                    status="held",
-                                    reason=f"held at its value; the black box gives {value:.4g}")
+            line = held_line(drive, name, f"held at its value; the black box gives {value:.4g}")
         elif not low <= value <= high:
-            upper = None if std is None else (low, max(low, value + Z95_ONE_SIDED * std))
-            lines[name] = Parameter(name=name, value=low, unit=drive.unit(name), start=start, std=None, ci95=upper,
-                                    status="at-bound",
-                                    reason=f"came out as {value:.4g}, which is not physical")
+            line = line.beyond_bound(low, None if std is None else Z95_ONE_SIDED * std,
+                                     f"came out as {value:.4g}, which is not physical")
         elif std is None:
-            lines[name] = line.replace(reason="a start value: from resonances and notches without damping")
+            line = line.without_interval("a start value: from resonances and notches without damping")
         elif std > abs(value):
-            lines[name] = line.replace(status="not-identifiable",
-                                       reason=f"its standard deviation ({std:.2g}) is larger than itself")
+            line = line.without_interval(f"its standard deviation ({std:.2g}) is larger than itself",
+                                         "not-identifiable")
         else:
-            ci = (max(value - Z95 * std, low), min(value + Z95 * std, high))
-            lines[name] = line.replace(std=std, ci95=ci)
-    for name, value in drive.values.items():
-        if name in TOTALS and any(n in found for n in names_of(drive.bodies, TOTALS[name])):
-            continue  # its parts take its place
-        lines.setdefault(name, Parameter(name=name, value=float(value), unit=drive.unit(name), start=float(value),
-                                         status="held",
-                                         reason="as given; not fitted in this step"))
-    return tuple(lines[n] for n in drive.quantities if n in lines)
+            line = line.with_interval(std, (low, high))
+        lines.append(line)
+    totals = [t for t, suffix in TOTALS.items() if any(n in found for n in names_of(drive.bodies, suffix))]
+    return whole_table(lines, drive, replaced=totals)  # the parts of a sum take its place

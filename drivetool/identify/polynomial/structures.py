@@ -13,7 +13,7 @@ import numpy as np
 
 from drivetool.drive import Drive
 from drivetool.errors import BadOption, NotEnoughData
-from drivetool.identify.estimate import Z95, Covariance, Estimate, PlotData, fit_percent
+from drivetool.identify.estimate import Z95, Estimate, PlotData, estimate_from_fit, fit_percent, record_picture
 from drivetool.identify.frequency import SpectraOptions, response_of
 from drivetool.identify.polynomial.data import PolynomialData, data_of
 from drivetool.identify.polynomial.frequency_oe import fit_to_response
@@ -143,22 +143,17 @@ def _structure_estimate(experiments: Sequence[Experiment], drive: Drive, data: P
         fit.solution.point.starts, fit.problem.stretches, strict=True)])
     measured = np.concatenate([d.y for d in fit.problem.stretches])
     simulation = fit_percent(y, np.concatenate([x for _, x in pairs])) if pairs else None
-    kept = {p.name for p in lines if p.std is not None}
-    if covariance is not None:
-        index = [i for i, n in enumerate(covariance.names) if n in kept]
-        covariance = Covariance(tuple(covariance.names[i] for i in index), covariance.matrix[np.ix_(index, index)]
-                                ) if index else None
     s = fit.structure
-    return Estimate(
-        "blackbox", after, lines,
-        f"{s.kind} of order {s.order}: {'converged' if fit.solution.converged else 'stopped'} after "
+    return estimate_from_fit(
+        "blackbox", experiments, after, lines, covariance,
+        outcome=f"{s.kind} of order {s.order}: {'converged' if fit.solution.converged else 'stopped'} after "
         f"{fit.solution.iterations} iterations" + (f"; {why}" if why else ""),
-        {"simulation_fit_percent": simulation, "one_step_fit_percent": fit_percent(measured, measured - e),
+        fit={"simulation_fit_percent": simulation, "one_step_fit_percent": fit_percent(measured, measured - e),
          "rmse": float(np.sqrt(np.mean(np.concatenate([a - b for a, b in pairs]) ** 2))) if pairs else None,
          "n": int(fit.problem.count), "parameters": len(s.names), "noise_parameters": s.noise_parameters},
-        covariance, {f"one_step_std.{data.role}": fit.sigma}, _model_details(figures, table) | own,
-        (*bodies_advice(drive, s.kind, s.order, table), *model_findings(figures, data, why, simulation)),
-        tuple(e.source for e in experiments), {}, _model_plots(figures, data, pairs, experiments[0]))
+        noise={f"one_step_std.{data.role}": fit.sigma}, details=_model_details(figures, table) | own,
+        findings=(*bodies_advice(drive, s.kind, s.order, table), *model_findings(figures, data, why, simulation)),
+        exhibits=_model_plots(figures, data, pairs, experiments[0]))
 
 
 def _model_details(f: ModelFigures, table: list[dict]) -> dict[str, object]:
@@ -184,9 +179,8 @@ def _model_plots(f: ModelFigures, data: PolynomialData, pairs: Sequence[tuple[np
     s, found = f.fit.structure, []
     for run, (y, x) in zip(data.stretches, pairs, strict=False):
         time = np.arange(len(y)) * data.step
-        found.append(PlotData("record", f"{run.name}: {s.kind} of order {s.order}, free run", "time [s]",
-                             f"motor speed [{e.motion_unit}/s]", {
-                                 "measured": (time, y), "simulated": (time, x), "residual": (time, y - x)}))
+        found.append(record_picture(f"{run.name}: {s.kind} of order {s.order}, free run",
+                                    f"motor speed [{e.motion_unit}/s]", time, y, x))
     pole = [abs(r.s) for r in f.poles if r.s.imag > 0.0] or [0.1 / data.step]
     low, high = 0.05 * min(pole), min(3.0 * max(pole), 0.9 * np.pi / data.step)
     hz = np.geomspace(low, max(high, 2.0 * low), 400) / (2.0 * np.pi)

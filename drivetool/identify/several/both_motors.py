@@ -8,7 +8,7 @@ import numpy as np
 from scipy.stats import chi2, norm
 
 from drivetool.errors import BadParameters, Finding
-from drivetool.identify.estimate import Covariance, PlotData
+from drivetool.identify.estimate import PlotData
 from drivetool.identify.several.both_sides import (
     MIN_SIGNIFICANT_RATIO,
     Side,
@@ -101,18 +101,13 @@ def _chi_square(lines: Sequence[SwapLineSection], first: Side, second: Side) -> 
     if not lines or first.covariance is None or second.covariance is None:
         return 0.0, 0
     factors = np.array([line.factor for line in lines])
-    joint = _covariance_of(first.covariance, [line.first for line in lines])
-    joint = joint + _covariance_of(second.covariance, [line.second for line in lines]) * np.outer(factors, factors)
+    joint = first.covariance.part(line.first for line in lines).matrix
+    joint = joint + second.covariance.part(line.second for line in lines).matrix * np.outer(factors, factors)
     stds = np.sqrt(np.diag(joint))
     sizes, directions = np.linalg.eigh(joint / np.outer(stds, stds))
     kept = sizes > MIN_CORRELATION_EIGENVALUE
     parts = directions[:, kept].T @ (np.array([line.difference for line in lines], float) / stds)
     return float(np.sum(parts**2 / sizes[kept])), int(np.count_nonzero(kept))
-
-
-def _covariance_of(covariance: Covariance, names: Sequence[str]) -> np.ndarray:
-    index = [covariance.names.index(name) for name in names]
-    return covariance.matrix[np.ix_(index, index)]
 
 
 def _swap_outcome_sentence(found: Swap, differ: Sequence[SwapLineSection]) -> str:

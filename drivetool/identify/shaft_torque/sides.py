@@ -13,7 +13,7 @@ import numpy as np
 
 from drivetool.drive import TOTALS, Drive
 from drivetool.errors import Finding
-from drivetool.identify.estimate import Z95, Covariance, Estimate, Parameter, covariance_of
+from drivetool.identify.estimate import Covariance, Estimate, Parameter, covariance_of
 from drivetool.identify.fit import (
     MAX_PART_STD_SHARE,
     refit,
@@ -106,10 +106,9 @@ def with_friction_of_file(estimate: Estimate, outcome: Outcome, options: Options
     covariance, from_file = estimate.covariance, [n for n in held.names if n in names]
     if covariance is not None:
         rows = [order.index(n) for n in covariance.names]
-        columns = [held.names.index(n) for n in from_file]
-        cross = (moved @ held.matrix)[np.ix_(rows, columns)]
+        cross = (moved @ held.matrix)[np.ix_(rows, [held.names.index(n) for n in from_file])]
         covariance = Covariance((*covariance.names, *from_file), np.block([
-            [covariance.matrix, cross], [cross.T, held.matrix[np.ix_(columns, columns)]]]))
+            [covariance.matrix, cross], [cross.T, held.part(from_file).matrix]]))
     note = Finding(
         "note", "friction-from-prior",
         f"{', '.join(from_file)}: the standard deviation from this record exceeds a third of the value. The value "
@@ -122,5 +121,4 @@ def with_friction_of_file(estimate: Estimate, outcome: Outcome, options: Options
 
 def _with_std(line: Parameter, std: float) -> Parameter:
     """A held value with its uncertainty."""
-    return line.replace(std=std, ci95=(line.value - Z95 * std, line.value + Z95 * std),
-                        reason="as in the file: this record does not identify it")
+    return line.with_interval(std).replace(reason="as in the file: this record does not identify it")

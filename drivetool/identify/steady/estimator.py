@@ -10,7 +10,7 @@ import numpy as np
 from drivetool.drive import Drive
 from drivetool.errors import BadOption, Finding, NotEnoughData
 from drivetool.identify.coast_down import Stretch, find_coast_downs
-from drivetool.identify.estimate import Covariance, Estimate, Parameter
+from drivetool.identify.estimate import Covariance, Estimate, Parameter, estimate_from_fit, held_line, in_order
 from drivetool.identify.plateaus import (
     LINE_KEYS,
     FrictionLine,
@@ -28,7 +28,7 @@ from drivetool.identify.plateaus import (
     steady_plots,
 )
 from drivetool.identify.setup import Options, at_rates, refuse_free_torque_constants
-from drivetool.logs import Experiment, recording_sources
+from drivetool.logs import Experiment
 from drivetool.quantity import name_of, names_of, owner_of, quantity_of
 
 
@@ -184,18 +184,13 @@ def _steady_estimate(experiments: Sequence[Experiment], drive: Drive, options: O
                    if drive.values.get(name) and name not in (task.names["coulomb"], *options.hold)}
         findings += coulomb_body_findings(task, drive)
     findings += _magnitude_findings(experiments)
-    parameters += [
-        Parameter(name=name, value=drive.value(name), unit=drive.unit(name), start=drive.values.get(name),
-                  status="held",
-                  reason="held by --hold")
-        for name in drive.quantities if name in options.hold and quantity_of(name) in LINE_KEYS]
-    order = list(drive.quantities)
+    parameters += [held_line(drive, name, "held by --hold") for name in drive.quantities
+                   if name in options.hold and quantity_of(name) in LINE_KEYS]
     rmse = float(np.sqrt(np.mean([line.rmse**2 for *_, line in results])))
     levels = len(set(points.levels))
     where = "both directions" if len(set(np.sign(points.speed))) == 2 else "one direction"
-    return Estimate(
-        step="steady", drive=drive.with_values(values),
-        parameters=tuple(sorted(parameters, key=lambda p: order.index(p.name))),
+    return estimate_from_fit(
+        "steady", experiments, drive.with_values(values), in_order(parameters, drive), _joint_covariance(results),
         outcome=f"{len(points.speed)} steady intervals at {levels} speed{'s' if levels > 1 else ''} in "
                 f"{where}, {rmse:.3g} {drive.torque_unit} rms residual.",
         fit={"simulation_fit_percent": None, "one_step_fit_percent": None, "rmse": rmse,
@@ -203,10 +198,8 @@ def _steady_estimate(experiments: Sequence[Experiment], drive: Drive, options: O
              "intervals": len(points.speed), "levels": levels,
              "chi2": sum(line.chi2 for *_, line in results),
              "chi2_dof": sum(line.dof for *_, line in results)},
-        covariance=_joint_covariance(results),
         details={"points": [p for task, points, _ in results for p in point_list(task, points)]},
-        findings=tuple(findings), data=recording_sources(experiments),
-        exhibits=steady_plots(experiments, results, drive))
+        findings=findings, exhibits=steady_plots(experiments, results, drive))
 
 
 def _magnitude_findings(experiments: Sequence[Experiment]) -> list[Finding]:
@@ -222,20 +215,16 @@ def _magnitude_findings(experiments: Sequence[Experiment]) -> list[Finding]:
         "Log the torque with its sign if a load acts.")]
 
 
-def _joint_covariance(results: Sequence[tuple[LineTask, SteadyPoints, FrictionLine]]) -> Covariance | None:
+def _joint_covariance(results: Sequence[tuple[LineTask, SteadyPoints, FrictionLine]]) -> Covariance:
     """Covariance of everything that was fitted; two lines share the noise of the shaft torque."""
-    names = [task.names[key] for task, _, line in results for key in line.free]
-    identified = np.array([key not in line.conditional for *_, line in results for key in line.free], dtype=bool)
-    if not np.any(identified):
-        return None
+    names = tuple(str(task.names[key]) for task, _, line in results for key in line.free)
     matrix = results[0][2].covariance
     if len(results) == 2:
         (_, points_a, a), (_, points_b, b) = results
         shared = a.inflation * b.inflation * _shared_variance(points_a, points_b)
         cross = (a.weights * shared) @ b.weights.T
         matrix = np.block([[a.covariance, cross], [cross.T, b.covariance]])
-    kept = tuple(name for name, known in zip(names, identified, strict=True) if known)
-    return Covariance(kept, matrix[np.ix_(identified, identified)])
+    return Covariance(names, matrix)
 
 
 def _shared_variance(a: SteadyPoints, b: SteadyPoints) -> np.ndarray:

@@ -63,8 +63,7 @@ def joint_covariance(drive: Drive, known: Covariance | None, stds: Mapping[str, 
         return None
     matrix = np.zeros((len(names) + len(uncorrelated),) * 2)
     if names:
-        keep = [known.names.index(n) for n in names]
-        matrix[:len(names), :len(names)] = known.matrix[np.ix_(keep, keep)]
+        matrix[:len(names), :len(names)] = known.part(names).matrix
     for k, name in enumerate(uncorrelated, len(names)):
         matrix[k, k] = stds[name] ** 2
     return Covariance((*names, *uncorrelated), matrix)
