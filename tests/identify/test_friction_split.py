@@ -6,7 +6,9 @@ import numpy as np
 import pytest
 
 from drivetool.drive.chain import three_mass
+from drivetool.errors import BadOption
 from drivetool.identify.fit.friction_split import tasks_with_parts
+from drivetool.identify.fit.friction_totals import with_totals
 from drivetool.identify.greybox.estimator import greybox
 from drivetool.identify.setup.options import Options
 from drivetool.identify.setup.setup import roles_of
@@ -96,3 +98,13 @@ def test_idle_torques_that_cancel_are_identified_from_a_shaft_torque():
     found = {p.name: p for p in greybox([record], three_mass().with_values(values), Options()).parameters}
     motor, behind = found["motor.idle_torque"], found["arm.idle_torque"]
     assert motor.ci95[0] <= 2.0 <= motor.ci95[1] and abs(behind.value + 2.0) < 0.1
+
+
+def test_the_parts_of_a_known_sum_that_are_to_be_free_take_its_place():
+    known = three_mass().with_values(TRUE)
+    split = with_totals(known, ("gear.viscous",))
+    assert "total.viscous" not in split.values and split.value("total.idle_torque") == TRUE["total.idle_torque"]
+    assert split.referred_to_motor("viscous") == pytest.approx(TRUE["total.viscous"], rel=1e-12)
+    assert with_totals(known, ("gear.inertia",), ("gear.viscous",)) == known
+    with pytest.raises(BadOption, match=r"either total.viscous or its parts .* found total.viscous and arm.viscous"):
+        with_totals(known, ("total.viscous", "arm.viscous"))

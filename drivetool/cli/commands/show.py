@@ -12,7 +12,7 @@ from drivetool.cli.options import common as cli
 from drivetool.cli.output import DONE, guarded, print_findings, print_table, table_console
 from drivetool.errors import BadOption
 
-HELP = "The table of a file that another step wrote, or of two parameter files side by side."
+HELP = "The table of a file that another step wrote. Two parameter files are put side by side."
 EXAMPLE = "drivetool show greybox.yaml backlash.yaml"
 
 

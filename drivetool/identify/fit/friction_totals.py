@@ -6,6 +6,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import replace
 
 from drivetool.drive import TOTALS, Drive
+from drivetool.errors import BadOption
 from drivetool.identify.fit.engine import by_simulation, fit_task, is_multimodal, refit, segment_of
 from drivetool.identify.fit.friction_split import parts_identifiable, tasks_with_parts
 from drivetool.identify.noise import Noise, filtered_normal_equations, fit_ratio
@@ -15,18 +16,25 @@ from drivetool.identify.starts import scaled_to_totals
 from drivetool.quantity import names_of, quantity_of, record_of, shared
 
 
-def with_totals(drive: Drive, requested: Sequence[str]) -> Drive:
-    """Sums of friction instead of their parts, unless a part was named.
+def with_totals(drive: Drive, free: Sequence[str], hold: Sequence[str] = ()) -> Drive:
+    """Sums of friction instead of their parts, unless a part was named; the parts of a sum that are to be free.
 
-    named  parameters requested as free and those to be held
+    free, hold  parameters requested as free, and those to be held
+    raises      BadOption: a sum is to be free beside its parts
     """
     if len(drive.bodies) == 1:
         return drive
-    requested = {*requested, *(shared(n) for n in drive.values if record_of(n))}
+    requested = {*free, *hold, *(shared(n) for n in drive.values if record_of(n))}
     for total, suffix in TOTALS.items():
         parts = names_of(drive.bodies, suffix)
+        freed = [p for p in parts if p in free]
+        if freed and total in free:
+            raise BadOption(f"either {total} or its parts after --free", f"{total} and {', '.join(freed)}",
+                            "Free the sum alone, or the parts alone.")
         if total not in drive.values and not any(p in requested for p in parts):
             drive = drive.with_values({total: drive.referred_to_motor(suffix)})
+        elif total in drive.values and freed:
+            drive = drive.with_values(drive.parts(total, drive.values[total]))
     return drive
 
 

@@ -37,7 +37,7 @@ def has_sides(drive: Drive, roles: Roles, options: Options) -> bool:
 def with_frictions(drive: Drive, roles: Roles, options: Options) -> Drive:
     """The drive with each body's friction, or with sums where no shaft torque separates the bodies."""
     return with_friction_parts(drive) if has_sides(drive, roles,
-                                                   options) else with_totals(drive, (*options.free, *options.hold))
+                                                   options) else with_totals(drive, options.free, options.hold)
 
 
 def with_identified_friction(outcome: Outcome, before: Drive, options: Options, requested: Options) -> Outcome:
