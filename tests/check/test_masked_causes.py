@@ -66,7 +66,9 @@ def found_together(monkeypatch, ends, block_lead=1.0, drive=None, first="coulomb
     monkeypatch.setattr(masked_causes, "_forced_expansion", lambda search, code,
                         _: gap if code == "backlash" else None)
     monkeypatch.setattr(masked_causes, "lead_in_blocks", lambda *_: [block_lead, block_lead])
-    return find_masked_causes(Given(wanted, root=root.model), path)
+    search = Given(wanted, root=root.model)
+    search.causes = list(CAUSES.values())  # those that are looked for beside the requested ones, too
+    return find_masked_causes(search, path)
 
 
 @pytest.mark.parametrize(("ends", "block_lead", "causes"), [
