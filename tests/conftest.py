@@ -1,6 +1,8 @@
 """What all tests share: the kernel compiled before the first, the command line as a fixture, the slowest named."""
 
+import io
 import os
+import sys
 
 import hypothesis
 import pytest
@@ -70,12 +72,26 @@ def pytest_terminal_summary(terminalreporter, config):
 
 
 @pytest.fixture
-def call(capfd):
-    """Run a command in this process: exit code, standard output, standard error."""
+def here(monkeypatch, tmp_path):
+    """An empty folder, which is the current one."""
+    monkeypatch.chdir(tmp_path)
+    return tmp_path
+
+
+@pytest.fixture
+def call(capfd, monkeypatch):
+    """Run a command in this process: exit code, standard output, standard error.
+
+    stdin  bytes that it is given; terminal: whether its standard output is one
+    """
     from drivetool.cli import command_line
 
-    def run(*words):
-        with pytest.raises(SystemExit) as left:
+    def run(*words, stdin=None, terminal=False):
+        with monkeypatch.context() as during, pytest.raises(SystemExit) as left:
+            if stdin is not None:
+                during.setattr(sys, "stdin", io.TextIOWrapper(io.BytesIO(stdin)))
+            if terminal:
+                during.setattr(type(sys.stdout), "isatty", lambda self: True, raising=False)
             command_line.app([str(word) for word in words], prog_name="drivetool")
         text = capfd.readouterr()
         return left.value.code or 0, text.out, text.err

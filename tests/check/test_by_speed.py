@@ -2,13 +2,15 @@
 
 from __future__ import annotations
 
-from types import SimpleNamespace
-
 import numpy as np
 import pytest
 
 from drivetool.check.verdict.by_speed import share_by_speed
+from drivetool.drive import two_mass
 from drivetool.drive.simulation import Trace
+from drivetool.identify.problem import Point
+from drivetool.identify.setup import Roles
+from tests.check.models import model_over, task_of
 
 STEP, SIZE = 1e-3, 12_000
 TIME = STEP * np.arange(SIZE)
@@ -16,17 +18,16 @@ SPEED = 20.0 * np.sin(0.9 * TIME) * np.exp(-0.1 * TIME) + 4.0 * np.sin(3.1 * TIM
 
 
 def model(changes, role="motor_speed"):
-    """What `share_by_speed` reads of a model: (torque, instant) of the loads that set in, and the record."""
+    """A model by the (torque, instant) of the loads that set in, over a record of its motion."""
     values = {}
     for slot, (torque, time) in zip(("step", "step2", "step3", "step4"), changes, strict=False):
         values |= {f"load.{slot}_torque": torque, f"load.{slot}_time": time}
     y = SPEED + 0.1 * np.random.default_rng(2).standard_normal(SIZE)
     y = np.cumsum(SPEED) * STEP if role.endswith("angle") else y
-    drive = SimpleNamespace(bodies=("motor", "load"), values=values)
-    task = SimpleNamespace(free=tuple(n for n in values if n.endswith("torque")), drive=drive,
-                           roles=SimpleNamespace(outputs=(role,)))
-    return SimpleNamespace(task=task, fitted=SimpleNamespace(drive=drive),
-                           problem=SimpleNamespace(traces=(Trace(np.zeros((SIZE, 1)), y[:, None], STEP),)))
+    free = tuple(n for n in values if n.endswith("torque"))
+    task = task_of(free, two_mass().with_values(values), Roles(("motor_torque",), (role,)))
+    return model_over(Trace(np.zeros((SIZE, 1)), y[:, None], STEP), task=task,
+                      point=Point(np.array([values[n] for n in free]), ()))
 
 
 @pytest.mark.parametrize("role", ["motor_speed", "motor_angle"])

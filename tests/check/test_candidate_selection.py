@@ -3,13 +3,11 @@
 from __future__ import annotations
 
 from dataclasses import replace
-from types import SimpleNamespace
 
 import numpy as np
 import pytest
 
 from drivetool.check.causes.catalogue import CAUSES
-from drivetool.check.fit.model import Model
 from drivetool.check.search import candidate_fit as attempting
 from drivetool.check.search.candidate_fit import (
     CandidateFit,
@@ -20,13 +18,15 @@ from drivetool.check.search.candidate_fit import (
 )
 from drivetool.check.search.prepared_start import PreparedStart
 from drivetool.drive import two_mass
+from drivetool.drive.simulation import Trace
 from drivetool.identify.estimate import Parameter
+from drivetool.identify.problem import Point
+from drivetool.identify.setup import Roles
+from tests.check.models import model_of, model_over, task_of
 
 
 def end(value, order=2.0, owner="motor"):
-    drive = two_mass().with_values({"converter.order": order})
-    task = SimpleNamespace(drive=drive, free=(f"{owner}.drag",))
-    return SimpleNamespace(code="quadratic-drag", value=value, task=task)
+    return model_of("quadratic-drag", value, (f"{owner}.drag",), two_mass().with_values({"converter.order": order}))
 
 
 @pytest.mark.parametrize(("behind", "order", "owner", "kept"), [
@@ -49,8 +49,6 @@ class Fits:
     def __init__(self, monkeypatch, ends):
         self.ends, self.made = ends, []
         monkeypatch.setattr(attempting, "fit", self)
-        monkeypatch.setattr(attempting, "screened_for_significance", lambda tried, _: tried)
-        monkeypatch.setattr(PreparedStart, "ready", lambda start, _: start.model)
 
     def __call__(self, model, _, max_iterations=None, goal=np.inf):
         self.made.append((model.problem, "first" if max_iterations == attempting.FIRST_FIT_ITERATIONS else "whole"))
@@ -60,15 +58,14 @@ class Fits:
 
 def start(name, promise, code="quadratic-drag", owner="motor"):
     """A start by that name."""
-    task = SimpleNamespace(drive=two_mass(), free=(f"{owner}.drag",))
-    return PreparedStart(CAUSES[code], Model(code, task, name, None, None, 0.0), promise, {})
+    return PreparedStart(CAUSES[code], model_of(code, 0.0, (f"{owner}.drag",), problem=name), promise, {})
 
 
 def screened(*starts, code="quadratic-drag"):
     return Screened(CAUSES[code], starts, {})
 
 
-BASE = Model("base", SimpleNamespace(drive=two_mass(), free=()), None, None, None, 0.0)
+BASE = model_of("base", 0.0, ())
 
 
 def test_of_each_kind_the_two_best_starts_are_fitted_and_the_best_end_to_convergence(monkeypatch):
@@ -126,7 +123,7 @@ def test_one_size_of_a_cause_must_be_significant(monkeypatch, deviations, absent
     monkeypatch.setattr(attempting, "added_parameters", lambda *_: lines)
     tried = CandidateFit(CAUSES["stribeck-motor"], BASE, {"motor.stribeck": 1.0, "motor.coulomb": 1.0})
     assert screened_for_significance(tried, BASE).absent == absent
-    monkeypatch.setattr(attempting, "added_parameters", lambda *_: [p.replace(std=None) for p in lines])
+    lines[:] = [p.replace(std=None) for p in lines]
     assert screened_for_significance(tried, BASE).absent is None  # without a standard error it is not tested
 
 
@@ -137,9 +134,7 @@ def test_a_ripple_that_does_not_repeat_is_none(role, turns, order, none):
     angle = np.pi * turns * (1.0 - np.cos(np.linspace(0.0, 2.0 * np.pi, 4001)))
     motion = angle if role == "motor_angle" else np.gradient(angle, 1e-3)
     motion = np.where(np.arange(4001) == 70, np.nan, motion)
-    trace = SimpleNamespace(outputs=motion[:, None], step=1e-3, size=4001)
-    model = SimpleNamespace(
-        task=SimpleNamespace(free=("motor.ripple_order",), roles=SimpleNamespace(outputs=(role,))),
-        point=SimpleNamespace(values=np.array([order])), problem=SimpleNamespace(traces=[trace]))
-    base = SimpleNamespace(task=SimpleNamespace(free=()))
-    assert bool(CAUSES["torque-ripple"].implausible(model, base)) == none
+    trace = Trace(np.zeros((4001, 1)), motion[:, None], 1e-3)
+    task = task_of(("motor.ripple_order",), roles=Roles(("motor_torque",), (role,)))
+    model = model_over(trace, task=task, point=Point(np.array([order]), ()))
+    assert bool(CAUSES["torque-ripple"].implausible(model, BASE)) == none

@@ -3,20 +3,23 @@
 from __future__ import annotations
 
 from dataclasses import replace
-from types import SimpleNamespace
 
 import numpy as np
 import pytest
 
 from drivetool.check.causes.catalogue import CAUSES
 from drivetool.check.fit.model import Model
+from drivetool.check.fit.residual_tests import ResidualTests
 from drivetool.check.heldout.scores import Fold, Score
 from drivetool.check.outcome.diagnosis import CandidateResult, DiagnoseOptions
 from drivetool.check.search import exchange_pass
 from drivetool.check.search.decision import Decision, decide
 from drivetool.check.search.exchange_pass import REASSESSED_REASON, run_exchange_pass
+from drivetool.check.search.result import Base
 from drivetool.check.search.search import Expansion, Node
 from drivetool.drive import two_mass
+from tests.check.models import task_of
+from tests.diagnosed import gain
 
 BASE = ("motor.inertia",)
 SCATTERED, AGREED = np.array([30.0, -9.0, 40.0, -14.0]), np.array([110.0, 90.0, 100.0, 99.0])
@@ -25,7 +28,7 @@ SCATTERED, AGREED = np.array([30.0, -9.0, 40.0, -14.0]), np.array([110.0, 90.0, 
 def model_of(code, value, added, **values):
     """A fitted model with these names free, identified by its value."""
     drive = two_mass().with_values(values)
-    task = SimpleNamespace(free=(*BASE, *(n for names in added.values() for n in names)), drive=drive)
+    task = task_of((*BASE, *(n for names in added.values() for n in names)), drive)
     return StandIn(code, task, None, None, None, value)
 
 
@@ -62,7 +65,7 @@ class Path:
 
 def gain_to(after):
     """The gain of free runs from an error of one."""
-    return SimpleNamespace(held_out_rmse_before=1.0, held_out_rmse_after=after, rmse_bar=0.05)
+    return gain(1.0, after, bar=0.05)
 
 
 class Search:
@@ -78,12 +81,12 @@ class Search:
         self.gains, self.worth, self.tested = gains or {}, worth or {}, []
 
     def base(self, _):
-        return SimpleNamespace(model=self.root.model, folds=(Fold((), (), (), None, 0.0),) * 2)
+        return Base(self.root.model, (Fold((), (), (), None, 0.0),) * 2)
 
     def lost(self, model, names, *_):
         kept = {n for n in model.task.free if n not in names}
         lost = sum(self.worth.get(n, 500.0 if n == names[0] else 0.0) for n in names)
-        task = SimpleNamespace(free=tuple(n for n in model.task.free if n in kept), drive=model.task.drive)
+        task = replace(model.task, free=tuple(n for n in model.task.free if n in kept))
         return replace(model, task=task, value=model.value + lost)
 
     def expand(self, rest, budget, among, ends):
@@ -107,11 +110,11 @@ class Search:
 @pytest.fixture
 def run_pass(monkeypatch):
     """Runs the exchange pass; left: residual gain of the last model, after: free-run error without the cause."""
-    def run(path, gains=None, worth=None, wanted=CAUSES, left=0.0, after=1.0):
-        search = Search(path, gains, worth, wanted)
+    def run(path, gains=None, worth=None, wanted=CAUSES, left=0.0, after=1.0, kind=Search):
+        search = kind(path, gains, worth, wanted)
         monkeypatch.setattr(exchange_pass, "refit_without", search.lost)
-        monkeypatch.setattr(exchange_pass, "run_residual_tests", lambda _: SimpleNamespace(total=left))
-        monkeypatch.setattr(exchange_pass, "score", lambda model, *_: SimpleNamespace(trained=(model,)))
+        monkeypatch.setattr(exchange_pass, "run_residual_tests", lambda _: ResidualTests(left, 0.0, 0.0))
+        monkeypatch.setattr(exchange_pass, "score", lambda model, *_: Score(model, AGREED, (), (), (model,)))
         monkeypatch.setattr(exchange_pass, "gain_between", lambda *_: gain_to(after))
         return run_exchange_pass(search, path.steps), search
 
@@ -135,12 +138,12 @@ def test_a_tie_is_tested_again_with_the_causes_found_later(run_pass, rival, stat
     assert found.found.causes == ("coulomb-load", "backlash") and found.node.model.code == "backlash"
 
 
-def test_a_rival_stays_where_the_refit_fails(monkeypatch, run_pass):
-    def lost(*_):
-        raise np.linalg.LinAlgError
+def test_a_rival_stays_where_the_refit_fails(run_pass):
+    class Failing(Search):
+        def lost(self, *_):
+            raise np.linalg.LinAlgError
 
-    monkeypatch.setattr(Search, "lost", lost)
-    found, search = run_pass(friction_first())
+    found, search = run_pass(friction_first(), kind=Failing)
     assert found.found.rivals["coulomb-load"] == ("coulomb-motor",) and "coulomb-load" not in found.found.sure
     assert [c.state for c in found.rounds[0].candidates] == ["possible", "possible"] and search.tested == []
 

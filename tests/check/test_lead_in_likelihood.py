@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from dataclasses import replace
-from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -13,21 +12,23 @@ from drivetool.check.causes.catalogue import CAUSES
 from drivetool.check.fit.significance import SEARCHED_HYPOTHESES, log_chi2_tail
 from drivetool.check.heldout.folds import blocks_of
 from drivetool.check.heldout.free_run_error import FreeRuns, blocks_under_test, gain_of
+from drivetool.check.heldout.samples import Samples
 from drivetool.check.heldout.scores import Score, log_scanned_values, total_evidence, training_evidence
 from drivetool.check.search import candidate_report, heldout_test, search as searching
 from drivetool.check.search.candidate_fit import CandidateFit
 from drivetool.check.search.decision import Decision, decide, is_equivalent
-from drivetool.check.search.search import ForwardSelection
-from drivetool.drive.simulation import Trace
+from drivetool.check.search.result import Base
+from drivetool.drive.simulation import Filtered, Trace
 from drivetool.identify.noise import minus_log_likelihood
+from tests.check.models import Unfolded, model_of, true_model
 from tests.diagnosed import gain
 
-BASE = SimpleNamespace(task=SimpleNamespace(free=("motor.inertia",)), problem=None)
+BASE = Base(true_model(), ())
 AGREES, DISAGREES = np.full(8, 2.0) + 0.1 * np.arange(8), np.full(8, -1.0)
 
 
 def score(lead, gains=AGREES, further=1, code="quadratic-drag", ratio=-30.0, frees="load.drag"):
-    model = SimpleNamespace(code=code, task=SimpleNamespace(free=("motor.inertia", frees)))
+    model = model_of(code, free=("motor.inertia", frees))
     return Score(model, gains, (ratio, ratio), (0.0, 0.0), (model, model), lead, further)
 
 
@@ -76,10 +77,8 @@ def test_a_cause_that_ran_away_has_a_line_without_values(monkeypatch):
         raise np.linalg.LinAlgError("Eigenvalues did not converge")
 
     monkeypatch.setattr(candidate_report, "added_parameters", fails)
-    found = score(200.0)
-    found.model.value, found.model.problem = 100.0, SimpleNamespace(traces=(SimpleNamespace(step=1e-3, record=1),))
-    found.model.task.drive = SimpleNamespace(values={})
-    base = SimpleNamespace(value=300.0, problem=found.model.problem)
+    base, found = BASE.model, score(200.0)
+    found = replace(found, model=replace(found.model, value=base.value - 200.0, problem=base.problem))
     tried = CandidateFit(CAUSES[found.model.code], found.model, {})
     (line,) = candidate_report.candidate_results([tried], [found], decide([found], 0.01), base, 0.0, {})
     assert (line.state, line.parameters) == ("named", ()) and line.gain == found.gain
@@ -109,7 +108,8 @@ def test_a_special_case_in_a_worse_optimum_restarts_from_the_end_of_the_law(monk
     monkeypatch.setattr(searching, "as_special_case", refitted)
     tried = {c: CandidateFit(CAUSES[c], None, {}) for c in (
         "coulomb-motor", "coulomb-load", "stribeck-motor", "stribeck-load", "imbalance")}
-    ForwardSelection._special_cases(SimpleNamespace(masks=()), SimpleNamespace(model=None), tried)
+    search = Unfolded()
+    search._special_cases(search.root, tried)
     assert calls == [("coulomb-motor", "stribeck-motor"), ("coulomb-load", "stribeck-load")]
     assert {c for c, t in tried.items() if t.reason} == {"coulomb-load"}  # what is no better stays as it was
 
@@ -153,7 +153,7 @@ def test_a_cause_that_is_picked_from_a_list_counts_as_one_parameter():
 
 
 def gain_to(after, scatter=0.0):
-    return SimpleNamespace(held_out_rmse_before=1.0, held_out_rmse_after=after, rmse_bar=scatter)
+    return gain(1.0, after, bar=scatter)
 
 
 @pytest.fixture
@@ -161,11 +161,8 @@ def run_decision(monkeypatch):
     """Decides on scores by a given free-run gain per cause; of the requested causes, by default all."""
     def decided(decision, scores, gains, gained=0.0, wanted=("first", "second")):
         monkeypatch.setattr(heldout_test, "gain_between", lambda _, after, *more: gains[after[0].code])
-        return heldout_test.apply_heldout_test(decision, scores, SimpleNamespace(model=BASE), None, gained, 0.01,
-                                               wanted)
+        return heldout_test.apply_heldout_test(decision, scores, BASE, None, gained, 0.01, wanted)
 
-    monkeypatch.setattr(heldout_test, "all_samples", lambda _: ())
-    monkeypatch.setattr(heldout_test, "gain_from_quantisation", lambda *_: 0.0)
     return decided
 
 
@@ -238,7 +235,7 @@ def test_either_way_of_finding_costs_half_of_the_budget():
 
 
 def test_a_filter_that_ran_away_has_no_likelihood_and_raises_no_warning():
-    runaway = SimpleNamespace(innovations=np.array([[1e200], [1.0]]), variance=np.ones((2, 1)))
+    runaway = Filtered(None, np.array([[1e200], [1.0]]), np.ones((2, 1)), np.zeros((2, 1)))
     assert minus_log_likelihood([runaway]) == np.inf
 
 
@@ -256,32 +253,28 @@ def test_what_looks_like_a_cause_is_tried_unless_the_record_rules_it_out(monkeyp
     """An angle logged with the speed shows that the speed is not filtered."""
     tried_codes = []
 
-    def tried(_, among, *__):
-        tried_codes.append({c.code for c in among})
-        return [CandidateFit(c, None, {}) for c in among]
+    class Tried(Unfolded):
+        def _fit_candidates(self, node, among, *_):
+            tried_codes.append({c.code for c in among})
+            return [CandidateFit(c, None, {}) for c in among]
 
-    def judged(_, tried):
-        return [score(200.0, code=t.cause.code, gains=AGREES + (t.cause.code == "converter-lag")) for t in tried]
+        def _cross_validated(self, node, tried):
+            return [score(200.0, AGREES + (t.cause.code == "converter-lag"), code=t.cause.code) for t in tried]
 
-    monkeypatch.setattr(searching, "responses_equivalent", lambda *_: False)
     monkeypatch.setattr(searching, "candidate_results", lambda *_: ())
     monkeypatch.setattr(searching, "apply_heldout_test", lambda decision, *_: (replace(decision, best=None), {}))
-    search = SimpleNamespace(possible=possible, wanted={"converter-lag"}, causes=[CAUSES["converter-lag"]],
-                             split=None, base=lambda _: None, _fit_candidates=tried, _cross_validated=judged)
-    found = ForwardSelection.expand(search, SimpleNamespace(causes=(), model=None, gained=0.0), 0.01)
+    search = Tried({"converter-lag"}, possible)
+    found = search.expand(search.root, 0.01)
     assert tried_codes == [{"converter-lag"}, expected] and len(found.scores) == 1 + len(expected)
 
 
 def test_what_the_whole_record_was_searched_for_has_its_price_once():
     """The order of a ripple is found with the test samples in sight; in a later round the base has it."""
-    def freeing(*names):
-        return SimpleNamespace(task=SimpleNamespace(free=names))
-
-    plain, ripple = freeing("motor.inertia"), freeing("motor.inertia", "motor.ripple_sine", "motor.ripple_order")
-    both = freeing(*ripple.task.free, "load.drag")
+    plain, ripple, drag, both = (model_of(free=("motor.inertia", *more)) for more in (
+        (), ("motor.ripple_sine", "motor.ripple_order"), ("load.drag",),
+        ("motor.ripple_sine", "motor.ripple_order", "load.drag")))
     assert log_scanned_values(ripple, plain) > np.log(100.0)
-    assert log_scanned_values(freeing("motor.inertia", "load.drag"), plain) == log_scanned_values(both,
-                                                                                                  ripple) == 0.0
+    assert log_scanned_values(drag, plain) == log_scanned_values(both, ripple) == 0.0
 
 
 @pytest.mark.parametrize(("differences", "tied"), [
@@ -304,8 +297,7 @@ def test_free_runs_skip_blocks_without_a_measurement():
     outputs = np.zeros((12000, 1))
     outputs[7000:] = np.nan
     trace = Trace(np.zeros((12000, 1)), outputs, 1e-3)
-    fold = SimpleNamespace(test=[np.ones(12000, bool)])
-    seen = blocks_under_test(fold, (trace,))
+    seen = blocks_under_test(Samples([], [np.ones(12000, bool)], []), (trace,))
     assert 0 < len(seen) < len(blocks_of((trace,))) and all(np.isfinite(t.outputs).any() for t in seen)
 
 

@@ -3,16 +3,17 @@
 from __future__ import annotations
 
 from dataclasses import replace
-from types import SimpleNamespace
 
 import pytest
 
 from drivetool.check.fit.model import fit_from_start
+from drivetool.check.search.result import SelectedCauses
 from drivetool.check.verdict.which_body import unidentified_body_findings
 from drivetool.drive import two_mass
 from drivetool.drive.chain import three_mass
 from drivetool.identify.setup import Task, roles_of
 from drivetool.logs.door import open_experiment
+from tests.check.models import ended
 from tests.hidden import make_case
 from tests.identify.test_friction_split import MACHINE, TRUE
 from tests.recover import reversing_record
@@ -39,8 +40,8 @@ def test_the_motor_alone_does_not_identify_the_body_of_a_drag(diagnosed, roles, 
     name = f"{owner}.drag"
     free = tuple(n for n in drive.quantities if n in {*task.free, name})
     model = fit_from_start(replace(task, drive=drive.with_values({name: value}), free=free))
-    search = SimpleNamespace(model=replace(model, code="quadratic-drag"),
-                             found=SimpleNamespace(causes=["quadratic-drag"], added={"quadratic-drag": (name,)}))
+    found_law = SelectedCauses(("quadratic-drag",), added={"quadratic-drag": (name,)})
+    search = ended(replace(model, code="quadratic-drag"), found=found_law)
     notes = unidentified_body_findings(search)
     assert [f.code for f in notes] == ["location-not-identifiable"] * found
     if found:
@@ -58,8 +59,7 @@ def test_of_a_chain_the_likeliest_other_body_is_named():
     free = tuple(n for n in drive.quantities if n in {*TRUE, "gear.drag"})
     task = Task(drive, free, roles_of([record], drive), (record,))
     model = replace(fit_from_start(task), code="quadratic-drag")
-    search = SimpleNamespace(model=model, found=SimpleNamespace(
-        causes=["quadratic-drag"], added={"quadratic-drag": ("gear.drag",)}))
+    search = ended(model, found=SelectedCauses(("quadratic-drag",), added={"quadratic-drag": ("gear.drag",)}))
     (note,) = unidentified_body_findings(search)
     assert note.code == "location-not-identifiable" and "gear.drag" in note.text
     assert note.evidence["arm.drag"] == pytest.approx(0.02, rel=0.1)

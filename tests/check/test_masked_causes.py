@@ -3,24 +3,24 @@
 from __future__ import annotations
 
 from dataclasses import replace
-from types import SimpleNamespace
 
+import numpy as np
 import pytest
 
 from drivetool.check.causes.catalogue import CAUSES
-from drivetool.check.fit.model import Model
+from drivetool.check.fit.model import sensor_std
 from drivetool.check.search import masked_causes
 from drivetool.check.search.decision import Decision
 from drivetool.check.search.masked_causes import find_masked_causes, is_inconclusive
+from drivetool.check.search.result import SelectedCauses
 from drivetool.check.search.search import Expansion, Node
-from drivetool.drive import two_mass
 from drivetool.drive.chain import three_mass
+from drivetool.drive.simulation import Trace
+from tests.check.models import Unfolded, ended, model_over, task_of, true_model
+from tests.diagnosed import gain
+from tests.recover import STEP
 
 NOISE = 0.02  # rad/s of the sensor
-
-
-def model_of(value, drive=None):
-    return Model("base", SimpleNamespace(drive=drive or two_mass(), free=()), None, None, None, value)
 
 
 @pytest.mark.parametrize(("causes", "confident", "left", "before", "after", "share", "expected"), [
@@ -32,15 +32,14 @@ def model_of(value, drive=None):
     (("backlash",), True, 0.0, 2.0, 1.4, 0.5, False),  # hardly more than the sensor's own
     (("backlash",), True, 0.0, 1.0, 1.2, 0.01, True)])  # free runs become worse
 def test_large_residuals_or_an_implausible_noise_are_doubtful(
-        monkeypatch, causes, confident, left, before, after, share, expected):
-    monkeypatch.setattr(masked_causes, "sensor_std", lambda _: NOISE)
-    monkeypatch.setattr(masked_causes, "torque_size", lambda _: 1.0)
-    gain = SimpleNamespace(
-        held_out_rmse_before=before * NOISE, held_out_rmse_after=after * NOISE, noise_floor=NOISE)
-    result = SimpleNamespace(found=SimpleNamespace(causes=causes), confident=confident,
-                             left=SimpleNamespace(total=left), judged_gain=lambda: gain, first=SimpleNamespace(
-                                 model=None), model=SimpleNamespace(noise=SimpleNamespace(ratio=share / NOISE)))
-    assert is_inconclusive(result) is expected
+        causes, confident, left, before, after, share, expected):
+    model = true_model(NOISE)
+    torque = model.noise.ratio * sensor_std(model) / share  # the size of the torque for this share of noise
+    first = model_over(Trace(np.array([[torque], [-torque]]), np.zeros((2, 1)), STEP))
+    found = SelectedCauses(causes, gained=1e4 if confident else 0.0)
+    result = ended(model, first=first, left=left, found=found,
+                   gain=gain(before * NOISE, after * NOISE, floor=NOISE))
+    assert result.confident is confident and is_inconclusive(result) is expected
 
 
 def step(node, code, value):
@@ -50,24 +49,25 @@ def step(node, code, value):
 
 def found_together(monkeypatch, ends, block_lead=1.0, drive=None, first="coulomb-load", wanted=CAUSES, fails=False):
     """What is found where a gap is put first; ends: value of the gap, and then of each cause beside it."""
-    root = Node((), model_of(0.0, drive), ("folds",))
+    root = Node((), replace(true_model(), task=task_of((), drive)), ("folds",))
     path = [step(root, first, -100.0)]
     gap = step(root, "backlash", ends[0])
 
-    def on(node):
-        if fails:
-            raise FloatingPointError
-        steps, codes = [], ("coulomb-load", "imbalance")
-        for code, value in zip(codes, ends[1:], strict=False):
-            steps.append(step(node, code, value))
-            node = steps[-1].child
-        return [*steps, Expansion(node, (), (), Decision(None, (), 0.0), ())], ""
+    class Given(Unfolded):
+        def path(self, node):
+            if fails:
+                raise FloatingPointError
+            steps, codes = [], ("coulomb-load", "imbalance")
+            for code, value in zip(codes, ends[1:], strict=False):
+                steps.append(step(node, code, value))
+                node = steps[-1].child
+            return [*steps, Expansion(node, (), (), Decision(None, (), 0.0), ())], ""
 
     monkeypatch.setattr(masked_causes, "_forced_expansion", lambda search, code,
                         _: gap if code == "backlash" else None)
     monkeypatch.setattr(masked_causes, "lead_in_blocks", lambda *_: [block_lead, block_lead])
-    search = SimpleNamespace(root=root, causes=list(CAUSES.values()), wanted=frozenset(wanted), path=on,
-                             base=lambda _: SimpleNamespace(folds=("folds",)))
+    search = Given(wanted, root=root.model)
+    search.causes = list(CAUSES.values())  # those that are looked for beside the requested ones, too
     return find_masked_causes(search, path)
 
 

@@ -4,11 +4,11 @@ from __future__ import annotations
 
 import re
 from dataclasses import fields, replace
-from types import SimpleNamespace
 
+import numpy as np
 import pytest
 
-from drivetool.check.fit.residual_tests import ResidualTests
+from drivetool.check.faults import Fault
 from drivetool.check.outcome.diagnosis import OUTSIDE_CATALOGUE, CandidateResult, Facts, Round
 from drivetool.check.search.result import SelectedCauses
 from drivetool.check.verdict import facts as gathering
@@ -20,7 +20,9 @@ from drivetool.check.verdict.rules import (
     WEAK_SUPPORT_TEXT,
     apply_rules,
 )
-from tests.diagnosed import gain as made_gain
+from drivetool.drive.simulation import Trace
+from tests.check.models import ended, model_of, model_over
+from tests.diagnosed import diagnosis, gain as made_gain
 
 CLEAR = Facts(causes=("backlash",), strongest="backlash", gained=300.0, before=1.0, after=0.3, scatter=0.05,
               floor=0.02)
@@ -147,22 +149,20 @@ def search_with(code, gain=300.0, left=0.0, time=0.0, sure=True, free=(), later_
     """A search that found one cause in one round, and its residuals; later_confirmed: by blocks."""
     found = SelectedCauses((code,), {}, {code: 50.0}, {code: ("x",)}, gain, frozenset(later_confirmed))
     line = CandidateResult(code, "", "named", gain, 0.2 * gain, 50.0, sure=sure)
-    return SimpleNamespace(
-        unasked="", faults=[SimpleNamespace(code="outliers", shaft=False)] * 2, found=found,
-        left=ResidualTests(left, 0.0, 0.0, time),
-        rounds=[Round(code, (line,))], trained=(), folds=(), change=None, first=SimpleNamespace(model=None),
-        model=SimpleNamespace(task=SimpleNamespace(free=free)))
+    torque = model_over(Trace(np.array([[2.0], [-2.0]]), np.zeros((2, 1)), 1e-3))
+    return ended(model_of(free=free), first=torque, faults=(Fault("outliers", None),) * 2, found=found, left=left,
+                 time=time, rounds=(Round(code, (line,)),))
 
 
 @pytest.fixture
 def gathered(monkeypatch):
     def of(search, before=1.0, after=0.3, torque=0.001, repeats=False):
-        monkeypatch.setattr(gathering, "torque_size", lambda _: 2.0)
         monkeypatch.setattr(gathering, "error_by_noise", lambda *_: 0.7)
         monkeypatch.setattr(gathering, "share_by_speed", lambda _: 0.4)
-        estimate = SimpleNamespace(noise={"torque_std": 2.0 * torque}, repeats=repeats)
-        search.judged_gain = lambda: made_gain(before, after, std=0.05, bar=0.06, floor=0.02, unexplained=12.0)
-        return facts_of(search, estimate)
+        estimate = replace(diagnosis().estimate, noise={"torque_std": 2.0 * torque},
+                           repeats=repeats)
+        gain = made_gain(before, after, std=0.05, bar=0.06, floor=0.02, unexplained=12.0)
+        return facts_of(replace(search, gain=gain), estimate)
     return of
 
 

@@ -3,16 +3,15 @@
 from __future__ import annotations
 
 from dataclasses import replace
-from types import SimpleNamespace
 
 import numpy as np
 import pytest
 from scipy.signal import lfilter
 
 from drivetool.check.causes.catalogue import CAUSES
-from drivetool.check.fit.model import Model, fit_from_start
+from drivetool.check.fit.model import fit_from_start
 from drivetool.check.fit.reduce import refit_without
-from drivetool.check.fit.residual_tests import run_residual_tests
+from drivetool.check.fit.residual_tests import ResidualTests, run_residual_tests
 from drivetool.check.heldout.samples import split_of
 from drivetool.check.heldout.scores import Score
 from drivetool.check.outcome.diagnosis import DiagnoseOptions
@@ -20,10 +19,12 @@ from drivetool.check.search import search as searching
 from drivetool.check.search.candidate_fit import CandidateFit, Screened
 from drivetool.check.search.decision import Decision
 from drivetool.check.search.exchange_pass import run_exchange_pass
+from drivetool.check.search.prepared_start import PreparedStart
 from drivetool.check.search.run_search import search_causes
 from drivetool.check.search.search import Expansion, ForwardSelection, Node
-from drivetool.drive import one_body, two_mass
+from drivetool.drive import one_body
 from drivetool.identify.setup import Task, roles_of
+from tests.check.models import Unfolded, model_of, true_model
 from tests.recover import STEP, experiment
 from tests.simulator.effects import Effects
 from tests.simulator.experiments import multisine, trapezoids
@@ -31,12 +32,7 @@ from tests.simulator.fast import PI, simulate_fast
 from tests.simulator.machine import Machine, at_rest
 from tests.simulator.records import white_noise
 
-
-def model_of(code, value=0.0, free=("motor.inertia",)):
-    return Model(code, SimpleNamespace(free=free, drive=two_mass()), None, None, None, value)
-
-
-ROOT = Node((), model_of("base"), ())
+ROOT = Node((), true_model(), ())
 
 
 class Tries:
@@ -44,14 +40,13 @@ class Tries:
 
     def __init__(self, monkeypatch, causes, left=30.0):
         self.causes, self.fitted, self.goals = causes, [], {}
-        monkeypatch.setattr(searching, "reference_model", lambda model: model)
         monkeypatch.setattr(searching, "screen", self.screen)
         monkeypatch.setattr(searching, "attempt", self.attempt)
-        monkeypatch.setattr(searching, "as_special_case", lambda simple, *_: simple)
-        monkeypatch.setattr(searching, "run_residual_tests", lambda _: SimpleNamespace(total=left))
+        monkeypatch.setattr(searching, "run_residual_tests", lambda _: ResidualTests(left, 0.0, 0.0))
 
     def screen(self, cause, *_):
-        return Screened(cause, (SimpleNamespace(expected_gain=self.causes[cause.code][0]),), {"x": 1.0})
+        start = PreparedStart(cause, model_of(cause.code), self.causes[cause.code][0], {})
+        return Screened(cause, (start,), {"x": 1.0})
 
     def attempt(self, screened, base, masks, more=(), goal=np.inf):
         code = screened.cause.code
@@ -61,9 +56,7 @@ class Tries:
 
     def tried(self, node=ROOT, requested=False):
         """The causes on top of a node, by code."""
-        search = ForwardSelection.__new__(ForwardSelection)
-        search.masks, search.alternative_bases = (), ()
-        found = search._fit_candidates(node, [CAUSES[c] for c in self.causes], requested, ())
+        found = Unfolded()._fit_candidates(node, [CAUSES[c] for c in self.causes], requested, ())
         return {t.cause.code: t for t in found}
 
 
@@ -93,15 +86,14 @@ def test_a_small_expected_gain_is_not_fitted_unless_it_is_requested(monkeypatch,
     ((400.0, 350.0, 300.0, 110.0), 4), ((400.0, 350.0, 300.0, 90.0), 3), ((400.0, 20.0, 18.0, 16.0), 3)])
 def test_a_quarter_of_the_best_expected_gain_is_fitted_and_the_best_three_always(monkeypatch, promises, fitted):
     codes = ("coulomb-motor", "quadratic-drag", "asymmetric-friction", "imbalance")
-    tries = Tries(monkeypatch, {c: (p, p) for c, p in zip(codes, promises, strict=True)})
-    monkeypatch.setattr(searching, "MAX_GAIN_RATIO", 100.0)  # all of them can tie
+    tries = Tries(monkeypatch, {c: (p, 50.0) for c, p in zip(codes, promises, strict=True)})  # all of them can tie
     tries.tried()
     assert sorted(tries.fitted) == sorted(codes[:fitted])
 
 
 @pytest.mark.parametrize(("surplus", "fitted"), [(1.5, False), (2.5, True)])
 def test_a_law_that_gains_no_more_than_its_special_case_waits_for_that(monkeypatch, surplus, fitted):
-    tries = Tries(monkeypatch, {"coulomb-motor": (100.0, 110.0), "stribeck-motor": (100.0 + surplus, 112.0)})
+    tries = Tries(monkeypatch, {"coulomb-motor": (100.0, 110.0), "stribeck-motor": (100.0 + surplus, 111.0)})
     tries.tried()
     assert ("stribeck-motor" in tries.fitted) == fitted and "coulomb-motor" in tries.fitted
 
@@ -122,22 +114,21 @@ def test_what_costs_much_is_looked_for_where_nothing_else_explains_the_records(m
         replace(ROOT, causes=("backlash",)), requested=True)
 
 
-def cross_validated(monkeypatch, gains, worth):
-    """Codes that are tested on held-out samples; gains: on training samples, worth: on held-out samples."""
-    tested = []
+@pytest.fixture
+def held_out(monkeypatch):
+    """(codes that were tested on held-out samples; cause -> what it gains there, half if it is not said)."""
+    tested, worth = [], {}
 
     def score(model, *_):
         tested.append(model.code)
-        return Score(model, np.full(4, worth[model.code] / 4.0), (), (), (model,))
+        return score_of(model, worth.get(model.code, -0.5 * model.value), f"{model.value}")
 
-    monkeypatch.setattr(searching, "reestimate_noise", lambda model, _: model)
     monkeypatch.setattr(searching, "score", score)
-    search = ForwardSelection.__new__(ForwardSelection)
-    search.masks, search.split, search._folds = (), None, {id(ROOT.model): (ROOT.model, SimpleNamespace(
-        model=ROOT.model, folds=()))}
-    tried = [CandidateFit(CAUSES[c], model_of(c, -g), {}) for c, g in gains.items()]
-    tried.append(CandidateFit(CAUSES["imbalance"], model_of("imbalance", -9e3), {}, "none", "no-gain"))
-    return tested, search._cross_validated(ROOT, tried)
+    return tested, worth
+
+
+def score_of(model, worth, trained):
+    return Score(model, np.full(4, worth / 4.0), (), (), (trained,))
 
 
 @pytest.mark.parametrize(("second", "worth", "expected"), [
@@ -145,21 +136,22 @@ def cross_validated(monkeypatch, gains, worth):
     (40.0, {"coulomb-motor": 90.0, "quadratic-drag": 30.0}, {"coulomb-motor"}),
     (40.0, {"coulomb-motor": -90.0, "quadratic-drag": 30.0}, {"coulomb-motor", "quadratic-drag"})],
     ids=["it may tie", "it cannot tie", "held out samples speak against the best"])
-def test_held_out_samples_test_the_best_and_what_may_tie(monkeypatch, second, worth, expected):
-    tested, scores = cross_validated(
-        monkeypatch, {"coulomb-motor": 100.0, "quadratic-drag": second, "load-step": 1.0}, worth)
-    assert set(tested) == expected == {s.model.code for s in scores}
+def test_held_out_samples_test_the_best_and_what_may_tie(held_out, second, worth, expected):
+    held_out[1].update(worth)
+    gains = {"coulomb-motor": 100.0, "quadratic-drag": second, "load-step": 1.0}
+    tried = [CandidateFit(CAUSES[c], replace(ROOT.model, code=c, value=-g), {}) for c, g in gains.items()]
+    absent = replace(ROOT.model, code="imbalance", value=-9e3)
+    tried.append(CandidateFit(CAUSES["imbalance"], absent, {}, "none", "no-gain"))
+    scores = Unfolded()._cross_validated(ROOT, tried)
+    assert set(held_out[0]) == expected == {s.model.code for s in scores}
 
 
-def test_a_law_takes_the_place_of_its_special_case_that_was_found_before(monkeypatch):
+def test_a_law_takes_the_place_of_its_special_case_that_was_found_before():
     before = ("motor.inertia", "motor.coulomb", "load.drag")
     node = Node(("coulomb-motor", "quadratic-drag"), model_of("quadratic-drag", -300.0, before), (),
                 {"coulomb-motor": ("motor.coulomb",), "quadratic-drag": ("load.drag",)}, 300.0)
     model = model_of("stribeck-motor", -400.0, (*before, "motor.stribeck", "motor.stribeck_speed"))
-    monkeypatch.setattr(searching, "with_parts", lambda model, _: model)
-    search = ForwardSelection.__new__(ForwardSelection)
-    search.masks = ()
-    child = search._child(node, Score(model, np.full(4, 20.0), (), (), ("trained",)))
+    child = Unfolded()._child(node, score_of(model, 80.0, "trained"))
     assert child.causes == ("quadratic-drag", "stribeck-motor") and child.gained == 380.0
     assert child.added == {"quadratic-drag": ("load.drag",),
                            "stribeck-motor": ("motor.coulomb", "motor.stribeck", "motor.stribeck_speed")}
@@ -167,42 +159,32 @@ def test_a_law_takes_the_place_of_its_special_case_that_was_found_before(monkeyp
 
 
 @pytest.mark.parametrize(("gain", "taken"), [(90.0, True), (70.0, False)])
-def test_one_more_of_its_kind_is_taken_where_samples_held_out_agree(monkeypatch, gain, taken):
+def test_one_more_of_its_kind_is_taken_where_samples_held_out_agree(monkeypatch, held_out, gain, taken):
     one, more = model_of("torque-ripple", -90.0), model_of("torque-ripple", -180.0)
     cause = replace(CAUSES["torque-ripple"], another=lambda model, *_: more if model is one else None)
     monkeypatch.setattr(searching, "CAUSES", {**CAUSES, "torque-ripple": cause})
-    monkeypatch.setattr(searching, "with_parts", lambda model, _: model)
-    monkeypatch.setattr(searching, "score", lambda model, *_: Score(
-        model, np.full(4, gain / 4.0), (), (), ("more",)))
-    search = ForwardSelection.__new__(ForwardSelection)
-    search.masks, search.split, search._folds = (), None, {id(ROOT.model): (ROOT.model, SimpleNamespace(
-        model=ROOT.model, folds=()))}
-    child = search._child(ROOT, Score(one, np.full(4, 20.0), (), (), ("one",)))
-    expected = (more, ("more",), gain) if taken else (one, ("one",), 80.0)
+    held_out[1]["torque-ripple"] = gain
+    child = Unfolded()._child(ROOT, score_of(one, 80.0, "one"))
+    expected = (more, ("-180.0",), gain) if taken else (one, ("one",), 80.0)
     assert (child.model, child.trained, child.gained) == expected
 
 
-def test_friction_that_can_be_split_is_trained_in_every_fold(monkeypatch):
+def test_friction_that_can_be_split_is_trained_in_every_fold(monkeypatch, held_out):
     """With a sum that is split by rule, the free-run test would reject a gap that is there."""
     whole, parted = model_of("backlash", -90.0), model_of("backlash", -180.0)
     monkeypatch.setattr(searching, "with_parts", lambda model, _: parted if model is whole else model)
-    monkeypatch.setattr(searching, "score", lambda model, *_: Score(
-        model, np.full(4, 40.0), (), (), (f"{model.value}",)))
-    search = ForwardSelection.__new__(ForwardSelection)
-    search.masks, search.split, search._folds = (), None, {id(ROOT.model): (ROOT.model, SimpleNamespace(
-        model=ROOT.model, folds=()))}
-    child = search._child(ROOT, Score(whole, np.full(4, 20.0), (), (), ("-90.0",)))
-    assert (child.model, child.trained, child.gained) == (parted, ("-180.0",), 160.0)
-    child = search._child(ROOT, Score(parted, np.full(4, 20.0), (), (), ("as it was",)))
+    child = Unfolded()._child(ROOT, score_of(whole, 80.0, "-90.0"))
+    assert (child.model, child.trained, child.gained) == (parted, ("-180.0",), 90.0)
+    child = Unfolded()._child(ROOT, score_of(parted, 80.0, "as it was"))
     assert (child.model, child.trained, child.gained) == (parted, ("as it was",), 80.0)
 
 
-class Steps(ForwardSelection):
+class Steps(Unfolded):
     """A search whose steps are given: the causes found, one after the other, until None."""
 
-    def __init__(self, found, rounds=3, wanted=CAUSES):
-        self.found, self.options, self.wanted = list(found), DiagnoseOptions(rounds=rounds), frozenset(wanted)
-        self.root, self.budgets, self.better = ROOT, [], {}
+    def __init__(self, found, rounds=3, wanted=CAUSES, root=ROOT.model):
+        super().__init__(wanted, CAUSES, root, rounds=rounds)
+        self.found, self.budgets, self.better = list(found), [], {}
 
     def _improved_base(self, node, one):
         """The same node with another model, once, where it is so many causes deep."""
@@ -223,8 +205,7 @@ class Steps(ForwardSelection):
     (["backlash", "imbalance", "load-step"], {"rounds": 2}, ["backlash", "imbalance", None], ""),
     # Nor is what was not to be looked for, whose special case, say, was.
     (["backlash", "imbalance", None], {"wanted": {"backlash"}}, ["backlash", None], "imbalance")])
-def test_node_after_node_until_nothing_more_is_found(monkeypatch, found, options, causes, not_requested):
-    monkeypatch.setattr(searching, "exact_to_rounding", lambda _: False)
+def test_node_after_node_until_nothing_more_is_found(found, options, causes, not_requested):
     search = Steps(found, **options)
     path, said = search.path()
     assert [e.round.cause for e in path] == causes and said == not_requested
@@ -240,9 +221,8 @@ def test_a_path_that_goes_on_from_a_cause_has_what_that_left_of_budget_and_round
 
 
 @pytest.mark.parametrize("depth", [0, 1])
-def test_the_search_restarts_from_a_base_that_ends_likelier_elsewhere(monkeypatch, depth):
+def test_the_search_restarts_from_a_base_that_ends_likelier_elsewhere(depth):
     """Under the same budget: it is the same question."""
-    monkeypatch.setattr(searching, "exact_to_rounding", lambda _: False)
     search = Steps(["backlash", "imbalance", None])
     search.better = {depth: -50.0}
     path, _ = search.path()
@@ -253,39 +233,33 @@ def test_the_search_restarts_from_a_base_that_ends_likelier_elsewhere(monkeypatc
     assert search.budgets == [0.01 * 0.5 ** (k + 1) for k in sorted([0, 1, 2, depth])]
 
 
-@pytest.mark.parametrize(("value", "runs", "better"), [
+@pytest.mark.parametrize(("value", "worse", "better"), [
     (-3.9, False, False), (-4.1, False, True), (9.0, False, False), (-90.0, True, False)])
-def test_a_cause_leads_a_base_out_of_its_local_optimum_where_that_is_likelier(monkeypatch, value, runs, better):
+def test_a_cause_leads_a_base_out_of_its_local_optimum_where_that_is_likelier(monkeypatch, value, worse, better):
     """And free runs are no worse: noise may have taken the place of friction there."""
-    removed = []
+    removed, off = [], 1.2 if worse else 1.0  # its inertia over the true one
 
     def without(model, names, *_):
         removed.append(tuple(names))
-        return replace(ROOT.model, code="backlash", value=value)
+        point = replace(ROOT.model.point, values=off * ROOT.model.point.values)
+        return replace(ROOT.model, code="backlash", point=point, value=value)
 
     monkeypatch.setattr(searching, "refit_without", without)
     monkeypatch.setattr(searching, "fit", lambda model, _: model)
-    monkeypatch.setattr(searching, "free_runs_clearly_worse", lambda *_: runs)
-    monkeypatch.setattr(ForwardSelection, "base", lambda _, model: SimpleNamespace(model=model, trained=("again",)))
-    search = ForwardSelection.__new__(ForwardSelection)
-    search.root, search.masks = ROOT, ()
+    search = Unfolded()
     child = replace(ROOT, causes=("backlash",), model=model_of("backlash", -90.0, (*ROOT.model.task.free, "gap")))
     found = search._improved_base(ROOT, Expansion(ROOT, (), (), Decision(None, (), 0.0), (), child))
     assert removed == [("gap",)] and (found is not None) == better
-    assert not better or (found.model.value, found.model.code, found.trained) == (value, "base", ("again",))
+    assert not better or (found.model.value, found.model.code, found.trained) == (value, "base", (found.model,))
     assert search._improved_base(ROOT, Expansion(ROOT, (), (), Decision(None, (), 0.0), ())) is None
 
 
-def test_nothing_is_looked_for_where_free_runs_of_the_base_leave_rounding_alone(monkeypatch):
-    monkeypatch.setattr(searching, "exact_to_rounding", lambda _: True)
-    assert Steps(["backlash"]).path() == ([], "")
+def test_nothing_is_looked_for_where_free_runs_of_the_base_leave_rounding_alone():
+    assert Steps(["backlash"], root=true_model(noise=0.0)).path() == ([], "")
 
 
-def test_laws_are_fitted_with_their_special_cases_requested_or_not(monkeypatch):
-    monkeypatch.setattr(searching, "all_samples", lambda _: ())
-    monkeypatch.setattr(ForwardSelection, "base", lambda *_: SimpleNamespace(trained=()))
-    search = ForwardSelection(ROOT.model, None, ("stribeck-load",), (), DiagnoseOptions())
-    assert {c.code for c in search.causes} == {"stribeck-load", "coulomb-load"}
+def test_laws_are_fitted_with_their_special_cases_requested_or_not():
+    assert {c.code for c in Unfolded(["stribeck-load"]).causes} == {"stribeck-load", "coulomb-load"}
 
 
 # Small records of one body that goes back and forth, with one law or two.

@@ -300,8 +300,7 @@ def test_what_cannot_be_validated():
         validate([], [("m", drive, {})], ValidateOptions())
 
 
-def test_exit_codes_and_files_at_the_command_line(tmp_path, monkeypatch, capfd):
-    monkeypatch.chdir(tmp_path)
+def test_exit_codes_and_files_at_the_command_line(here, capfd):
     log = str(FIXTURES / "rig" / "steps_holdout.parquet")
     sha = record("rig", "steps_holdout").sha256
     values = {k: float(v) for k, v in truth("rig").values.items()}

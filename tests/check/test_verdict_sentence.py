@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from types import SimpleNamespace
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -12,14 +12,16 @@ from drivetool.check.faults.record_faults import Fault
 from drivetool.check.heldout.between_records import Change, records_differ_text
 from drivetool.check.outcome.diagnosis import OUTSIDE_CATALOGUE, CandidateResult, Round, noise_hides_law
 from drivetool.check.search.result import SelectedCauses
-from drivetool.check.verdict import size as sizing
 from drivetool.check.verdict.diagnosis_report import causes_in_base, correlated_errors_finding
 from drivetool.check.verdict.sentence import experiment_of, sentence_of
 from drivetool.check.verdict.size import sizes_of
+from drivetool.drive.simulation import Trace
 from drivetool.identify.estimate import Covariance, Parameter
 from drivetool.identify.outcome import CORRELATED
-from tests.diagnosed import gain as made_gain
+from tests.check.models import model_of, model_over
+from tests.diagnosed import diagnosis, gain as made_gain
 
+ESTIMATE = diagnosis().estimate
 NOISE = 0.02  # rad/s of the sensor
 
 
@@ -90,7 +92,7 @@ def test_the_base_has_a_cause_if_its_size_is_significant(size, had):
     def line(name, value, std):
         return Parameter(name=name, value=value, unit="Nm", start=value, std=std, ci95=None, status="fitted")
 
-    estimate = SimpleNamespace(parameters=(line("motor.coulomb", size, 1e-4), line("load.coulomb", 0.2, 1e-3)))
+    estimate = replace(ESTIMATE, parameters=(line("motor.coulomb", size, 1e-4), line("load.coulomb", 0.2, 1e-3)))
     tried = [CandidateResult(code, "", "in-the-model") for code in ("coulomb-motor", "torque-offset")]
     assert causes_in_base([Round(None, tuple(tried))], estimate) == had
 
@@ -155,13 +157,12 @@ def line(name, value, unit, std=None):
      "motor.ripple 0.5 Nm, 5 % of the largest torque"),
     ("speed-filter", [line("sensor.bandwidth", 200.0, "1/s", 10.0)],
      "the time constant of sensor.bandwidth 0.005 s (0.00455 to 0.00554, 95 %)")])
-def test_the_size_of_a_cause_in_words(monkeypatch, code, lines, words):
-    monkeypatch.setattr(sizing, "largest_torque", lambda *_: 10.0)
+def test_the_size_of_a_cause_in_words(code, lines, words):
     names = tuple(p.name for p in lines)
     std = [0.0 if p.ci95 is None else (p.ci95[1] - p.value) / 1.96 for p in lines]
     known = Covariance(names, np.diag(std) ** 2)
-    estimate = SimpleNamespace(parameters=tuple(lines), covariance=known)
-    base = SimpleNamespace(task=SimpleNamespace(drive=SimpleNamespace(torque_unit="Nm")))
+    estimate = replace(ESTIMATE, parameters=tuple(lines), covariance=known)
+    base = model_over(Trace(np.array([[10.0], [-9.0]]), np.zeros((2, 1)), 1e-3))
     freed = tuple(n for n in names if CAUSES[code].has(n))
     sizes = sizes_of(SelectedCauses((code,), added={code: freed}), estimate, base)
     assert sizes == {code: words}
@@ -172,6 +173,5 @@ def test_the_size_of_a_cause_in_words(monkeypatch, code, lines, words):
     (3.9432, 3.9439, "3.9439 instead of 3.9432"), (1.0, 2.0, "2 instead of 1"),
     (0.01234, 0.01236, "0.01236 instead")])
 def test_values_of_two_records_have_as_many_digits_as_they_differ_in(before, after, words):
-    change = Change({"x": (before, after)}, 30.0, 30.0, True, ("a.parquet",))
-    model = SimpleNamespace(task=SimpleNamespace(drive=SimpleNamespace(unit=lambda _: "Nm")))
-    assert words in records_differ_text(change, model)
+    change = Change({"load.coulomb": (before, after)}, 30.0, 30.0, True, ("a.parquet",))
+    assert words in records_differ_text(change, model_of())

@@ -18,12 +18,6 @@ from tests import sites
 MANY = "drivetool/manifest/1"
 
 
-@pytest.fixture
-def here(tmp_path, monkeypatch):
-    monkeypatch.chdir(tmp_path)
-    return tmp_path
-
-
 def start(*words, folder=".", **more):
     """The command in a process of its own."""
     return subprocess.Popen([sys.executable, "-m", "drivetool", *map(str, words)], cwd=folder, text=True,

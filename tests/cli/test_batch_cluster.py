@@ -7,12 +7,6 @@ import pytest
 from tests import sites
 
 
-@pytest.fixture
-def here(tmp_path, monkeypatch):
-    monkeypatch.chdir(tmp_path)
-    return tmp_path
-
-
 @pytest.mark.slow
 def test_a_cluster_of_two_gives_the_same_bytes(here, call):
     distributed = pytest.importorskip("dask.distributed")

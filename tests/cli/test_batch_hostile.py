@@ -31,12 +31,6 @@ from drivetool.site.site_run import run_site
 from tests import sites
 
 
-@pytest.fixture
-def here(tmp_path, monkeypatch):
-    monkeypatch.chdir(tmp_path)
-    return tmp_path
-
-
 def recording(path, **more):
     section = RecordingsSection(files="*", machine=more.pop("machine", None), map=more.get("map_sha256"))
     return Recording(path, section, more.pop("sha256", path), more.pop("map_sha256", None), path, **more)

@@ -14,13 +14,6 @@ from drivetool.site.results import Entry, StepResult
 from drivetool.site.verdicts import evaluate_bars
 from tests import sites
 
-
-@pytest.fixture
-def here(tmp_path, monkeypatch):
-    monkeypatch.chdir(tmp_path)
-    return tmp_path
-
-
 STEADY = RecipeStep("steady", "a", "steady", (), (), False, None, {})
 
 

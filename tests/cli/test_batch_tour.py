@@ -29,11 +29,10 @@ def write_recordings():
 
 
 @pytest.mark.slow
-def test_the_tour_of_three_machines_is_as_by_hand(tmp_path, monkeypatch, call):
-    monkeypatch.chdir(tmp_path)
+def test_the_tour_of_three_machines_is_as_by_hand(here, call):
     write_recordings()
     sites.write_site(
-        tmp_path, [{"files": f"logs/*/{kind}.parquet", "kind": kind} for kind in ("steady", "steps", "gap")],
+        here, [{"files": f"logs/*/{kind}.parquet", "kind": kind} for kind in ("steady", "steps", "gap")],
         [{"kind": kind, "command": f"{step} {more}".strip(), "params": list(params)}
          for step, kind, params, more in TOUR])
     code, _, err = call("batch", "site.yaml", "--workers", "1")
@@ -44,6 +43,6 @@ def test_the_tour_of_three_machines_is_as_by_hand(tmp_path, monkeypatch, call):
             words += ["--out", f"{machine}/{step}.yaml"]
             words += [word for earlier in params for word in ("--params", f"{machine}/{earlier}.yaml")]
             subprocess.run([sys.executable, "-m", "drivetool", *words], check=True)
-            mine = tmp_path / "site-results/logs" / machine / name / f"{step}.yaml"
+            mine = here / "site-results/logs" / machine / name / f"{step}.yaml"
             assert mine.read_bytes() == Path(machine, f"{step}.yaml").read_bytes(), (machine, step)
     assert call("batch", "site.yaml", "--verify")[0] == 0

@@ -16,12 +16,6 @@ from tests import sites
 AMPLE_LIMITS = Limits(60.0, 2000.0)
 
 
-@pytest.fixture
-def here(tmp_path, monkeypatch):
-    monkeypatch.chdir(tmp_path)
-    return tmp_path
-
-
 def write_recordings(folder, *names):
     return [{"folder": str(folder), "look": name, "map": None} for name in names]
 

@@ -59,16 +59,15 @@ def stub(monkeypatch):
 
 
 @pytest.fixture
-def folder(tmp_path, monkeypatch):
+def folder(here):
     """A working folder with a recording and a parameter file."""
-    monkeypatch.chdir(tmp_path)
     t = np.arange(500) * 1e-3
     names = {"time": "s", "motor_torque": "Nm", "motor_speed": "rad/s"}
     columns = [t, np.sign(np.sin(20 * t)), np.cos(20 * t)]
     fields = [pa.field(name, pa.float64(), metadata={"unit": unit}) for name, unit in names.items()]
     pq.write_table(pa.table(columns, schema=pa.schema(fields)), "steps.parquet")
-    (tmp_path / "hand.yaml").write_text(HAND)
-    return tmp_path
+    (here / "hand.yaml").write_text(HAND)
+    return here
 
 
 def process(*words, stdin=None, module="drivetool.cli.main"):
@@ -145,11 +144,11 @@ def test_out_and_json_and_pictures(folder, call):
     assert call("greybox", "steps.parquet", "-o", "-", "-q")[1] == (folder / "g.yaml").read_text()
 
 
-def test_table_on_a_terminal(folder, call, monkeypatch):
-    monkeypatch.setattr(type(sys.stdout), "isatty", lambda self: True, raising=False)
-    code, out, _ = call("greybox", "steps.parquet", "--out", "g.yaml")
+def test_table_on_a_terminal(folder, call):
+    code, out, _ = call("greybox", "steps.parquet", "--out", "g.yaml", terminal=True)
     assert code == 0 and "motor.inertia" in out and "schema:" not in out
-    assert yaml.safe_load(call("greybox", "steps.parquet", "--out", "-")[1])["step"] == "greybox"
+    written = call("greybox", "steps.parquet", "--out", "-", terminal=True)[1]
+    assert yaml.safe_load(written)["step"] == "greybox"
 
 
 def test_two_recordings_and_two_files_merge(folder, call):

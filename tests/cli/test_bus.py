@@ -1,6 +1,5 @@
 """Acceleration and clamped recordings at the process boundary, as Parquet and as MCAP, files or standard input."""
 
-import io
 
 import pytest
 import yaml
@@ -38,10 +37,10 @@ def test_acceleration_in_both_formats(call, tmp_path, suffix):
 
 @pytest.mark.slow
 @pytest.mark.parametrize("suffix", ["parquet", "mcap"])
-def test_a_clamped_record_in_both_formats_and_by_standard_input(call, tmp_path, monkeypatch, suffix):
-    monkeypatch.setattr("sys.stdin", io.TextIOWrapper(io.BytesIO((FOLDER / "drive.yaml").read_bytes())))
+def test_a_clamped_record_in_both_formats_and_by_standard_input(call, tmp_path, suffix):
     log = FOLDER / f"held.{suffix}"
-    code, _, err = call("greybox", log, *clamped(log), "--params", "-", "--out", tmp_path / "out.yaml")
+    code, _, err = call("greybox", log, *clamped(log), "--params", "-", "--out", tmp_path / "out.yaml",
+                        stdin=(FOLDER / "drive.yaml").read_bytes())
     assert code == 0, err
     found = content_of(tmp_path / "out.yaml")["parameters"]
     for name in ("motor.inertia", "shaft.stiffness", "shaft.damping"):

@@ -21,9 +21,8 @@ WORDS = [word for step in STEPS for word in ("--condition", step)]
 
 
 @pytest.fixture
-def folder(tmp_path, monkeypatch):
+def folder(here):
     """A working folder with a recording of two seconds and a parameter file."""
-    monkeypatch.chdir(tmp_path)
     t = np.arange(2000) * 1e-3
     torque = 20 + 5 * np.sign(np.sin(20 * t)) + 3 * np.sin(90 * t)
     columns = {"time": (t, "s"), "motor_torque": (torque, "Nm"), "motor_speed": (80 + np.cos(20 * t), "rad/s")}
@@ -31,8 +30,8 @@ def folder(tmp_path, monkeypatch):
                         for name, (_, unit) in columns.items()])
     for name in ("a.parquet", "b.parquet"):
         pq.write_table(pa.table([values for values, _ in columns.values()], schema=schema), name)
-    fixture_file(tmp_path)
-    return tmp_path
+    fixture_file(here)
+    return here
 
 
 def words_for(command):

@@ -2,7 +2,6 @@
 
 import json
 import re
-import sys
 import types
 from dataclasses import replace
 from html.parser import HTMLParser
@@ -50,11 +49,10 @@ def stand_in(monkeypatch):
 
 
 @pytest.fixture
-def folder(tmp_path, monkeypatch):
+def folder(here):
     """A working folder with three recordings and a base that was fitted to the first."""
     import hashlib
 
-    monkeypatch.chdir(tmp_path)
     for k, name in enumerate("abc"):
         t = np.arange(500) * 1e-3
         columns = [t, np.sign(np.sin(20 * t)), np.cos(20 * t + k)]
@@ -63,7 +61,7 @@ def folder(tmp_path, monkeypatch):
         pq.write_table(pa.table(columns, schema=pa.schema(fields)), f"{name}.parquet")
     sha = hashlib.sha256(Path("a.parquet").read_bytes()).hexdigest()
     Path("base.yaml").write_text(FITTED.replace("SHA", sha))
-    return tmp_path
+    return here
 
 
 WORDS = ["diagnose", "a.parquet", "-p", "base.yaml"]
@@ -119,12 +117,11 @@ def test_the_file_is_one_that_every_step_takes(folder, stand_in, call, monkeypat
     assert max(map(len, out.splitlines())) <= 80
 
 
-def test_json_and_table_and_the_same_bytes(folder, stand_in, call, monkeypatch):
+def test_json_and_table_and_the_same_bytes(folder, stand_in, call):
     first = call(*WORDS, "--json", "-q")[1]
     assert json.loads(first) == yaml.safe_load(call(*WORDS, "-q")[1])
     assert call(*WORDS, "--json", "-q")[1] == first and str(folder) not in first
-    monkeypatch.setattr(type(sys.stdout), "isatty", lambda self: True, raising=False)
-    table = call(*WORDS, "-q")[1]
+    table = call(*WORDS, "-q", terminal=True)[1]
     assert "round 1: added backlash" in table and "as good as" not in table and "schema:" not in table
 
 

@@ -41,7 +41,6 @@ def test_an_unknown_code_is_refused_with_the_nearest(call):
 
 
 @pytest.mark.parametrize("words, said", [((), "drivetool findings CODE gives"), (("small-change",), "what to do")])
-def test_a_terminal_gets_a_table(call, monkeypatch, words, said):
-    monkeypatch.setattr("sys.stdout.isatty", lambda: True, raising=False)
-    code, out, _ = call("findings", *words)
+def test_a_terminal_gets_a_table(call, words, said):
+    code, out, _ = call("findings", *words, terminal=True)
     assert code == 0 and said in out

@@ -25,12 +25,6 @@ def write(path, seed=0, inertia=0.02, first=0, clock="ns"):
     pq.write_table(table, path)
 
 
-@pytest.fixture
-def here(tmp_path, monkeypatch):
-    monkeypatch.chdir(tmp_path)
-    return tmp_path
-
-
 FIT = ("--drive", "one-body", "--set", "motor.inertia=0.01", "--json", "--quiet")
 
 

@@ -11,12 +11,6 @@ from tests import sites
 from tests.places import RIG
 
 
-@pytest.fixture
-def here(tmp_path, monkeypatch):
-    monkeypatch.chdir(tmp_path)
-    return tmp_path
-
-
 @pytest.mark.slow
 def test_recordings_of_one_kind(here, call):
     sites.small(here, count=2).unlink()

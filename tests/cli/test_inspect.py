@@ -2,7 +2,6 @@
 
 import json
 import re
-import sys
 
 import jsonschema
 import numpy as np
@@ -12,7 +11,6 @@ import pytest
 import yaml
 from mcap.writer import CompressionType
 
-from drivetool.cli import command_line
 from drivetool.files.figures.plot_kinds import figure
 from drivetool.files.results import channel_plot
 from drivetool.files.shapes.schema import schemas
@@ -31,16 +29,12 @@ roles:
 
 
 @pytest.fixture
-def call(capfd, tmp_path, monkeypatch):
-    """Run a command in this process: exit code, standard output, standard error."""
-    monkeypatch.chdir(tmp_path)
-
-    def run(*words):
-        with pytest.raises(SystemExit) as left:
-            command_line.app([str(word) for word in words], prog_name="drivetool")
-        text = capfd.readouterr()
-        assert "Traceback" not in text.err
-        return left.value.code or 0, text.out, text.err
+def call(call, here):
+    """The same in an empty folder, never with a traceback."""
+    def run(*words, **surroundings):
+        code, out, err = call(*words, **surroundings)
+        assert "Traceback" not in err
+        return code, out, err
     return run
 
 
@@ -113,10 +107,9 @@ def test_inspect_as_yaml_json_and_picture(tmp_path, call):
     assert call("inspect", "a.parquet", "--strict", "-q")[0] == 3
 
 
-def test_inspect_table_on_a_terminal(tmp_path, call, monkeypatch):
+def test_inspect_table_on_a_terminal(tmp_path, call):
     write_faulty_record(tmp_path / "a.parquet")
-    monkeypatch.setattr(type(sys.stdout), "isatty", lambda self: True, raising=False)
-    _, out, _ = call("inspect", "a.parquet", "-q")
+    _, out, _ = call("inspect", "a.parquet", "-q", terminal=True)
     out = re.sub(r"\x1b\[[0-9;]*m", "", out)
     assert max(len(line) for line in out.splitlines() if "  a step" not in line) <= 80
     assert "motor_torque" in out and "a step receives motor_torque: 2000 samples of 0.001 s in 2 segments" in out

@@ -62,14 +62,13 @@ def mcap(path, seed):
 
 
 @pytest.fixture
-def place(tmp_path, monkeypatch):
-    monkeypatch.chdir(tmp_path)
-    parquet(tmp_path / "a.parquet", 1)
-    (tmp_path / "model.yaml").write_text(yaml.safe_dump({
+def place(here):
+    parquet(here / "a.parquet", 1)
+    (here / "model.yaml").write_text(yaml.safe_dump({
         "schema": "drivetool/parameters/1", "drive": {"bodies": ["motor"], "shafts": []},
         "parameters": {"motor.inertia": {"value": 0.01, "std": 1e-4, "status": "fitted"},
                        "motor.viscous": {"value": 0.02, "std": 1e-3, "status": "fitted"}}}))
-    return tmp_path
+    return here
 
 
 @pytest.mark.parametrize("command", [

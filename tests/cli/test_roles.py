@@ -1,6 +1,5 @@
 """Every sensor of every body enters, and a step reports what it leaves out: at the process boundary."""
 
-import io
 import json
 import re
 
@@ -66,10 +65,9 @@ def drive_file(path):
 
 
 @pytest.fixture
-def place(tmp_path, monkeypatch):
-    monkeypatch.chdir(tmp_path)
-    drive_file(tmp_path / "feed.yaml")
-    return tmp_path
+def place(here):
+    drive_file(here / "feed.yaml")
+    return here
 
 
 def fitted(call, *more):
@@ -173,22 +171,21 @@ MAP = {"schema": "drivetool/channel-map/1", "roles": {role: role for role in NAM
 @pytest.mark.parametrize("kind", ["parquet", pytest.param("mcap", marks=pytest.mark.slow)])
 @pytest.mark.parametrize("step", [
     pytest.param(step, marks=pytest.mark.slow) if step in SLOW_STEPS else step for step in USED])
-def test_every_role_is_used_or_said_not_to_be(place, call, monkeypatch, step, kind):
+def test_every_role_is_used_or_said_not_to_be(place, call, step, kind):
     logs = ["all", "more"] if step == "compare" else ["all"]
     for seed, name in enumerate(logs):
         every_role(place / f"{name}.{kind}", kind, *((0.02, 300) if step == "steady" else (0.002, 30)), seed)
     (place / "map.yaml").write_text(yaml.safe_dump(MAP))
-    words = [step, *(f"{name}.{kind}" for name in logs), "--map", "map.yaml"]
+    words, given = [step, *(f"{name}.{kind}" for name in logs), "--map", "map.yaml"], TWO
     if step != "spectra":
         fitted = {name: {**entry, "status": "fitted"} for name, entry in TWO["parameters"].items()}
         given = {**TWO, "parameters": fitted} if step == "diagnose" else TWO
-        monkeypatch.setattr("sys.stdin", io.TextIOWrapper(io.BytesIO(yaml.safe_dump(given).encode())))
         words += ["--params", "-"]
     words += {"greybox": ["--criterion", "simulation", "--hold", "shaft.damping"],
               "backlash": ["--criterion", "simulation"],
               "diagnose": ["--candidates", "dead-time", "--rounds", "1", "--quiet"]}.get(step, [])
     words += ["--out", "x.parquet"] if step == "simulate" else ["--json"]
-    code, out, err = call(*words)
+    code, out, err = call(*words, stdin=yaml.safe_dump(given).encode())
     assert code in (0, 3), err
     text = err if step == "simulate" else codes(json.loads(out))["role-not-used"]["text"]
     said = re.search(r"does not use (.*?)\.( |$|\n)", text)[1]

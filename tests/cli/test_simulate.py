@@ -2,7 +2,6 @@
 
 import json
 import re
-import sys
 from dataclasses import replace
 from pathlib import Path
 
@@ -104,9 +103,8 @@ def test_what_cannot_be_simulated():
         run_model(experiment, drive, 0.01)
 
 
-def test_the_table_is_a_recording(tmp_path, call, monkeypatch):
-    monkeypatch.chdir(tmp_path)
-    model = fixture_file(tmp_path)
+def test_the_table_is_a_recording(here, call):
+    model = fixture_file(here)
     words = ["simulate", FIXTURES / "rig" / "steps_holdout.parquet", "-p", model, "--segment", 2]
     assert call(*words, "--out", "new/sim.parquet")[0] == 0
     Path("new/sim.parquet").rename("sim.parquet")
@@ -121,7 +119,7 @@ def test_the_table_is_a_recording(tmp_path, call, monkeypatch):
     assert {"motor_torque", "motor_speed", "load_speed", "shaft_torque", "load_angle"} <= set(again.signals)
     before = Path("sim.parquet").read_bytes()
     assert call(*words, "--out", "sim.parquet", "--quiet") == (0, "", "")
-    assert Path("sim.parquet").read_bytes() == before and str(tmp_path).encode() not in before
+    assert Path("sim.parquet").read_bytes() == before and str(here).encode() not in before
 
 
 @pytest.mark.parametrize("words, code, message", [
@@ -130,12 +128,11 @@ def test_the_table_is_a_recording(tmp_path, call, monkeypatch):
     (["--out", "s.parquet", "--set", "load.inertia=-1"], 2, "between"),
     (["--out", "s.parquet", "--segment", "0.001"], 2, "20 samples"),
 ])
-def test_nothing_is_written_when_it_fails(tmp_path, call, monkeypatch, words, code, message):
-    monkeypatch.chdir(tmp_path)
-    model = fixture_file(tmp_path)
+def test_nothing_is_written_when_it_fails(here, call, words, code, message):
+    model = fixture_file(here)
     found, out, err = call("simulate", FIXTURES / "rig" / "steps_holdout.parquet", "-p", model, *words)
     assert found == code and message in out + err and "Traceback" not in err
-    assert [path.name for path in tmp_path.iterdir()] == [model.name]
+    assert [path.name for path in here.iterdir()] == [model.name]
 
 
 def test_a_constant_channel_has_no_fit_figure_and_the_line_says_why(tmp_path, call):
@@ -159,7 +156,7 @@ def test_an_axis_is_simulated_from_its_angle(tmp_path, call):
     assert pq.read_schema(out).field("motor_speed").metadata[b"unit"] == b"m/s"
 
 
-def test_effects_are_listed_with_all_they_say(call, monkeypatch):
+def test_effects_are_listed_with_all_they_say(call):
     listed = yaml.safe_load(call("effects")[1])["effects"]
     assert [e["code"] for e in listed][:len(EFFECTS)] == [e.code for e in EFFECTS]
     assert json.loads(call("effects", "--json")[1])["effects"] == listed
@@ -170,10 +167,9 @@ def test_effects_are_listed_with_all_they_say(call, monkeypatch):
     assert yaml.safe_load(call("effects", "coulomb-load")[1])["code"] == "coulomb"
     code, out, err = call("effects", "backlas")
     assert (code, out) == (2, "") and "Did you mean 'backlash'?" in err
-    monkeypatch.setattr(type(sys.stdout), "isatty", lambda self: True, raising=False)
-    table = re.sub(r"\x1b\[[0-9;]*m", "", call("effects")[1])
+    table = re.sub(r"\x1b\[[0-9;]*m", "", call("effects", terminal=True)[1])
     assert all(e["code"] in table for e in listed) and max(map(len, table.splitlines())) <= 80
-    assert "half_gap" in call("effects", "backlash")[1]
+    assert "half_gap" in call("effects", "backlash", terminal=True)[1]
 
 
 def test_every_cause_points_to_what_there_is():

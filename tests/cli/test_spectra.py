@@ -18,14 +18,13 @@ RIG = Machine((0.6, 5.2), (0.8, 0.4), stiffness=(3300.0,), damping=(3.1,))
 
 
 @pytest.fixture
-def record(tmp_path, monkeypatch):
+def record(here):
     """Ten periods of a multisine at a two-mass machine."""
-    monkeypatch.chdir(tmp_path)
     torque = np.tile(multisine(np.arange(1.0, 40.0, 0.5), 0.5, 2.0, 1e-3, 3), 10)
     speed = simulate_linear(RIG, torque, 1e-3).speeds[:, 0] + white_noise(len(torque), 1e-3, 4)
-    write_parquet(tmp_path / "multi.parquet", {
+    write_parquet(here / "multi.parquet", {
         "motor_torque": (torque, "Nm"), "motor_speed": (speed, "rad/s")}, 1e-3)
-    return tmp_path
+    return here
 
 
 @pytest.mark.slow

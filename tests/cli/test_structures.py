@@ -18,15 +18,14 @@ RIG = Machine((0.6, 5.2), (0.8, 0.4), stiffness=(3300.0,), damping=(3.1,))
 
 
 @pytest.fixture
-def records(tmp_path, monkeypatch):
+def records(here):
     """Two records of a two-mass machine, a periodic multisine each."""
-    monkeypatch.chdir(tmp_path)
     for seed in (1, 2):
         torque = np.tile(multisine(np.arange(1.0, 40.0, 0.5), 0.5, 2.0, 1e-3, seed), 4)
         speed = simulate_linear(RIG, torque, 1e-3).speeds[:, 0] + white_noise(len(torque), 1e-2, seed + 5)
-        write_parquet(tmp_path / f"run{seed}.parquet", {
+        write_parquet(here / f"run{seed}.parquet", {
             "motor_torque": (torque, "Nm"), "motor_speed": (speed, "rad/s")}, 1e-3)
-    return tmp_path
+    return here
 
 
 @pytest.mark.slow

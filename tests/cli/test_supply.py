@@ -31,8 +31,7 @@ def test_a_run_up_identifies_inertia_and_friction(written, kind):
 
 
 @pytest.mark.slow
-def test_the_file_simulates_the_run_up_and_is_validated_on_the_coast_down(call, written, tmp_path, monkeypatch):
-    monkeypatch.chdir(tmp_path)
+def test_the_file_simulates_the_run_up_and_is_validated_on_the_coast_down(call, written, here):
     log = str(COAST / "supply.parquet")
     assert call("steady", log, *MAP, *METHOD, "--out", "supply.yaml")[0] == 0
     assert call("simulate", log, *MAP, "--params", "supply.yaml", "--out", "run.parquet")[0] == 0

@@ -1,9 +1,6 @@
 """compare --swap: one drive identified with either machine as its motor, the whole way by the command line."""
 
-import io
 import json
-import sys
-import types
 from dataclasses import replace
 
 import pytest
@@ -27,11 +24,10 @@ def file_of(values, drive=None):
 
 
 @pytest.fixture
-def folder(tmp_path, monkeypatch):
-    monkeypatch.chdir(tmp_path)
+def folder(here):
     for name, values in (("motor", MOTOR), ("load", LOAD)):
-        (tmp_path / f"{name}.yaml").write_text(file_of(values))
-    return tmp_path
+        (here / f"{name}.yaml").write_text(file_of(values))
+    return here
 
 
 @pytest.fixture(scope="module")
@@ -106,11 +102,9 @@ def test_file_json_table_and_picture_say_the_same(call, folder):
 
 
 @pytest.mark.parametrize("words", [("-", "load.yaml"), ("motor.yaml", "-")])
-def test_one_of_the_files_may_come_from_standard_input(call, folder, monkeypatch, words):
+def test_one_of_the_files_may_come_from_standard_input(call, folder, words):
     name = ("motor.yaml", "load.yaml")[words.index("-")]
-    data = (folder / name).read_bytes()
-    monkeypatch.setattr(sys, "stdin", types.SimpleNamespace(buffer=io.BytesIO(data)))
-    code, out, err = call("compare", "--swap", *words)
+    code, out, err = call("compare", "--swap", *words, stdin=(folder / name).read_bytes())
     assert code == 0, err
     found = yaml.safe_load(out)["swap"]
     assert found["agree"] is True

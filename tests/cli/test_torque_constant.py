@@ -24,8 +24,7 @@ def written(name, made, unit="A", scale=K, write=write_parquet, **more):
 
 
 @pytest.fixture
-def here(tmp_path, monkeypatch):
-    monkeypatch.chdir(tmp_path)
+def here(here):
     a = record("a", 1, 2.0)
     written("a.parquet", a)
     written("nm.parquet", a, "Nm", 1.0)
@@ -91,7 +90,7 @@ def test_every_step_sees_torques(call, step, words):
     torque_and_current_files(call, step, *words, file="")
 
 
-def test_a_chain_of_steps_carries_the_constant(call, here, monkeypatch):
+def test_a_chain_of_steps_carries_the_constant(call, here):
     """Fitted where a held inertia identifies it, held from then on; not used by recordings in Nm; a pipe; MCAP."""
     code, _, err = call("greybox", "a.parquet", "--drive", "one-body", "--set", "motor.inertia=0.02", *FIT,
                         "--hold", "motor.inertia", "--free", "motor.torque_constant",
@@ -109,9 +108,8 @@ def test_a_chain_of_steps_carries_the_constant(call, here, monkeypatch):
             for log, *more in (("b.parquet",), ("b.mcap", "--map", "map.yaml"))]
     rmse = [line for line in said[0].splitlines() if "rmse" in line]
     assert rmse and rmse == [line for line in said[1].splitlines() if "rmse" in line]
-    with open("fit.yaml") as pipe:
-        monkeypatch.setattr("sys.stdin", pipe)
-        code, out, err = call("greybox", "nm.parquet", "--params", "-", *FIT, "--out", "-")
+    code, out, err = call("greybox", "nm.parquet", "--params", "-", *FIT, "--out", "-",
+                          stdin=Path("fit.yaml").read_bytes())
     kept = yaml.safe_load(out)
     assert code == 0 and kept["parameters"]["motor.torque_constant"]["value"] == line["value"], err
     assert kept["drive"]["input_unit"] == "A" and kept["parameters"]["motor.torque_constant"]["status"] == "held"

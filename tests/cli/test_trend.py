@@ -19,9 +19,8 @@ CHANGED = {(2, "shaft.half_gap"): step(9.0, 15), (3, "motor.viscous"): 0.4 * np.
 
 
 @pytest.fixture
-def summary(tmp_path, monkeypatch):
-    monkeypatch.chdir(tmp_path)
-    return write_summary(tmp_path / "summary.parquet", site(4, machines=3, changed=CHANGED))
+def summary(here):
+    return write_summary(here / "summary.parquet", site(4, machines=3, changed=CHANGED))
 
 
 def test_alarms_with_dates_and_units_in_a_file_that_keeps_to_its_schema(call, summary):

@@ -47,12 +47,11 @@ parameters: {motor.inertia: 1e3, motor2.inertia: 1e3, load.inertia: 4e3, motor.v
 
 
 @pytest.fixture
-def folder(tmp_path, monkeypatch):
+def folder(here):
     """A working folder with parameter files."""
-    monkeypatch.chdir(tmp_path)
     for name, text in (("drive", TWO), ("ratings", RATINGS), ("tandem", TANDEM)):
-        (tmp_path / f"{name}.yaml").write_text(text)
-    return tmp_path
+        (here / f"{name}.yaml").write_text(text)
+    return here
 
 
 def read(path):

@@ -15,15 +15,14 @@ N, STEP, VISCOUS, COULOMB = 12_000, 0.002, 0.05, 0.3
 
 
 @pytest.fixture
-def here(tmp_path, monkeypatch):
+def here(here):
     """Both directions at four speeds, and the torque as its magnitude."""
-    monkeypatch.chdir(tmp_path)
     rng = np.random.default_rng(2)
     speed = np.repeat([10.0, -10.0, 30.0, -30.0], N // 4)
     torque = VISCOUS * speed + COULOMB * np.sign(speed) + 0.01 * rng.standard_normal(N)
     pq.write_table(pa.table({"time": np.arange(N) * STEP, "i": np.abs(torque),
                              "n": speed + 0.01 * rng.standard_normal(N)}), "a.parquet")
-    (tmp_path / "map.yaml").write_text(yaml.safe_dump({"schema": SCHEMA, "roles": {
+    (here / "map.yaml").write_text(yaml.safe_dump({"schema": SCHEMA, "roles": {
         "motor_torque": {"channel": "i", "unit": "Nm", "unsigned": True},
         "motor_speed": {"channel": "n", "unit": "rad/s"}}}))
 

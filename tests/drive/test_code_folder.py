@@ -1,6 +1,7 @@
 """The folder of the machine code: permitted owners, candidate places, and the removal of old folders."""
 
 import os
+import shutil
 import subprocess
 import sys
 import tempfile
@@ -97,16 +98,15 @@ def test_no_link_is_followed_to_it(places, tmp_path):
     assert not any((tmp_path / "elsewhere").iterdir())
 
 
-def test_a_link_above_it_is_resolved_once(monkeypatch, places, tmp_path):
+def test_a_link_above_it_is_resolved_once(places, tmp_path):
     """So that nobody can change its target between the check and the use."""
-    (tmp_path / "link").symlink_to(places[0].parent)
-    monkeypatch.setenv("NUMBA_CACHE_DIR", str(tmp_path / "link"))
-    assert uncached_folder() == places[0]
+    target = places[0].parent.rename((tmp_path / "target").resolve())
+    places[0].parent.symlink_to(target)
+    assert uncached_folder() == target / NAME
 
 
 def test_what_is_made_is_private_whatever_the_mask(monkeypatch, places):
     monkeypatch.delenv("NUMBA_CACHE_DIR")
-    monkeypatch.setattr(code_folder, "folder_name", lambda: NAME)
     monkeypatch.setattr(code_folder, "SOURCES", places[0].parent / "no")
     (places[0].parent / "no").write_text("a file where the sources' folder is wanted")
     before = os.umask(0)
@@ -169,32 +169,31 @@ def test_where_no_file_can_be_written_a_sentence_says_so(monkeypatch, places):
         uncached_folder()
 
 
-def test_a_home_that_is_not_known_is_not_made_up(monkeypatch, places, tmp_path):
+def test_a_home_that_is_not_known_is_not_made_up(monkeypatch, places, here):
     """'~' stays as it is where there is none: a folder of this name must not appear where the user is."""
     blocked(places)
     monkeypatch.delenv("XDG_CACHE_HOME")
     monkeypatch.setattr(os.path, "expanduser", lambda path: path)
-    monkeypatch.chdir(tmp_path)
     with pytest.warns(UserWarning, match="kept in"):
         assert uncached_folder() == places[2]
-    assert not (tmp_path / "~").exists()
+    assert not (here / "~").exists()
 
 
-def test_a_relative_folder_stays_where_it_is(monkeypatch, places, tmp_path):
-    monkeypatch.chdir(tmp_path)
+@pytest.mark.usefixtures("here")
+def test_a_relative_folder_stays_where_it_is(monkeypatch, places):
     monkeypatch.setenv("NUMBA_CACHE_DIR", "requested")
     assert uncached_folder() == places[0] and places[0].is_absolute()
 
 
 # What the code depends on
 
-def test_the_folder_is_named_after_all_sources(monkeypatch):
+@pytest.mark.parametrize("name", ["kernel/run.py", "effects/drag.py"])
+def test_the_folder_is_named_after_all_sources(tmp_path, name):
     """A part contains the code that it calls in other files."""
-    read = Path.read_bytes
-    for name in ("run.py", "effects/drag.py"):
-        monkeypatch.setattr(Path, "read_bytes", lambda file, name=name: read(file) + (
-            b"#" if file.as_posix().endswith(f"/{name}") else b""))
-        assert code_folder.folder_name() != NAME
+    copy = shutil.copytree(code_folder.SOURCES, tmp_path / "drive", ignore=shutil.ignore_patterns("__pycache__"))
+    assert code_folder.folder_name(copy) == NAME
+    (copy / name).write_bytes((copy / name).read_bytes() + b"#")
+    assert code_folder.folder_name(copy) != NAME
 
 
 def test_and_after_python(monkeypatch):
@@ -248,9 +247,10 @@ def test_machine_code_of_old_versions_is_removed(tmp_path):
 
 
 @pytest.fixture
-def old(monkeypatch, tmp_path):
-    """A folder old enough to be removed, if it is marked and nothing else is in it."""
-    monkeypatch.setattr(code_folder, "MAX_OLD_FOLDERS", 0)
+def old(tmp_path):
+    """A folder old enough to be removed, if it is marked and nothing else is in it: three are newer."""
+    for number in range(code_folder.MAX_OLD_FOLDERS):
+        folder_of(tmp_path / f"kernel-newer-{number}", 2.0)
     (tmp_path / "kernel-now").mkdir(0o700)
     return folder_of(tmp_path / "kernel-old", 40.0)
 

@@ -56,14 +56,42 @@ def test_every_unit_is_a_part():
     assert sorted(units) == PARTS
 
 
+@pytest.fixture
+def place(monkeypatch, tmp_path):
+    """An empty folder in place of the one where machine code is kept, in this process and in others."""
+    found = tmp_path / "code" / machine_code.folder().name
+    found.mkdir(parents=True, mode=0o700)
+    found.parent.chmod(0o700)
+    monkeypatch.setattr(machine_code, "folder", lambda: found)
+    monkeypatch.setenv("NUMBA_CACHE_DIR", str(found.parent))
+    return found
+
+
+@pytest.fixture
+def compiler(monkeypatch):
+    """What the compiler is called with; it does what `does` holds, and takes no time."""
+    calls = Compiler()
+    monkeypatch.setattr(subprocess, "run", calls.run)
+    return calls
+
+
+class Compiler:
+    """A compiler that is not the real one: the tests are about when it is called, and not how it compiles."""
+
+    def __init__(self):
+        self.called, self.does = [], lambda words: None
+
+    def run(self, words, **_):
+        self.called.append(words)
+        self.does(words)
+        return subprocess.CompletedProcess(words, 0)
+
+
 @pytest.mark.slow
-def test_the_machine_code_of_a_part_is_always_the_same(monkeypatch, tmp_path, kept):
+def test_the_machine_code_of_a_part_is_always_the_same(monkeypatch, here, kept):
     """Neither files in the current folder nor Numba's settings reach the compiler."""
-    here = tmp_path / "here"
-    here.mkdir()
     (here / "numba.py").write_text("raise ImportError('not to be imported')")
     (here / ".numba_config.yaml").write_text("boundscheck: 1\n")
-    monkeypatch.chdir(here)
     for name in ("NUMBA_BOUNDSCHECK", "NUMBA_DISABLE_JIT", "NUMBA_OPT"):
         monkeypatch.setenv(name, "1")
     before = machine_code.intact_code(SMALL_UNIT)
@@ -73,45 +101,42 @@ def test_the_machine_code_of_a_part_is_always_the_same(monkeypatch, tmp_path, ke
     assert not list(kept.glob("*.part"))
 
 
-def test_a_compiler_that_fails_is_an_error_in_a_sentence(monkeypatch, tmp_path):
-    monkeypatch.setattr(machine_code, "folder", lambda: tmp_path)
+def test_a_compiler_that_fails_is_an_error_in_a_sentence(monkeypatch, place, tmp_path):
     monkeypatch.syspath_prepend(str(tmp_path))
     (tmp_path / "numba.py").write_text("raise ImportError('a broken installation')")
     with pytest.raises(DriveToolError, match=r"a broken installation.*requirements") as error:
         machine_code.prepare([SMALL_UNIT])
-    assert str(tmp_path) in error.value.wanted and not list(tmp_path.glob("*.o"))
+    assert str(place) in error.value.wanted and not list(place.glob("*.o"))
 
 
-def test_of_processes_that_start_together_one_compiles(monkeypatch, tmp_path):
+def test_of_processes_that_start_together_one_compiles(place, compiler):
     """The second waits for the first, and then finds the file there."""
     fcntl = pytest.importorskip("fcntl")
-    monkeypatch.setattr(machine_code, "folder", lambda: tmp_path)
-    started = []
-    monkeypatch.setattr(subprocess, "run", lambda words, **_: started.append(words))
-    with (tmp_path / "lock").open("w") as first:
+    with (place / "lock").open("w") as first:
         fcntl.flock(first, fcntl.LOCK_EX)
         second = threading.Thread(target=machine_code.prepare, args=([SMALL_UNIT],))
         second.start()
         second.join(0.2)
-        assert second.is_alive() and not started
-        machine_code.store(tmp_path, SMALL_UNIT, b"code")
+        assert second.is_alive() and not compiler.called
+        machine_code.store(place, SMALL_UNIT, b"code")
     second.join()
-    assert not started
+    assert not compiler.called
 
 
 # Damaged files. A process that loads one is killed by it: each test loads in a process of its own.
 
-@pytest.fixture
-def kept(monkeypatch, tmp_path):
-    """A folder with the machine code of a small part, copied from where it is kept."""
+@pytest.fixture(scope="module")
+def whole():
+    """The machine code of a small part, as it is kept."""
     machine_code.prepare([SMALL_UNIT])
-    copy = tmp_path / "code" / machine_code.folder().name
-    copy.mkdir(parents=True, mode=0o700)
-    copy.parent.chmod(0o700)
-    shutil.copy(machine_code.object_file(SMALL_UNIT), copy)
-    monkeypatch.setattr(machine_code, "folder", lambda: copy)
-    monkeypatch.setenv("NUMBA_CACHE_DIR", str(copy.parent))
-    return copy
+    return machine_code.object_file(SMALL_UNIT)
+
+
+@pytest.fixture
+def kept(whole, place):
+    """A folder with a copy of the machine code of a small part."""
+    shutil.copy(whole, place)
+    return place
 
 
 def changed(kept, what):
@@ -202,9 +227,9 @@ def test_what_was_checked_is_what_is_loaded(monkeypatch, kept):
     assert machine_code._load(SMALL_UNIT) == 1 and reads == [f"{SMALL_UNIT}.o"]
 
 
-def test_a_disk_that_damages_every_file_is_an_error_in_a_sentence(monkeypatch, kept):
+@pytest.mark.usefixtures("compiler")
+def test_a_disk_that_damages_every_file_is_an_error_in_a_sentence(kept):
     (kept / f"{SMALL_UNIT}.o").write_bytes(b"")
-    monkeypatch.setattr(subprocess, "run", lambda words, **_: subprocess.CompletedProcess(words, 0))
     with pytest.raises(DriveToolError, match="damaged file as soon as it is written"):
         machine_code._load(SMALL_UNIT)
 
@@ -212,23 +237,21 @@ def test_a_disk_that_damages_every_file_is_an_error_in_a_sentence(monkeypatch, k
 # All parts at once
 
 @pytest.fixture
-def compiled(monkeypatch, tmp_path):
+def compiled(monkeypatch, place, compiler):
     """(compiled parts, numbers of compilers in parallel), with a compiler that takes no time."""
-    monkeypatch.setattr(machine_code, "folder", lambda: tmp_path)
     monkeypatch.setattr(machine_code, "MAX_COMPILERS", 2)
     parts, busy, peak = [], [], []
 
-    def run(words, **_):
+    def compile_parts(words):
         busy.append(None)
         peak.append(len(busy))
-        for part in words[words.index(str(tmp_path)) + 1:]:
+        for part in words[words.index(str(place)) + 1:]:
             parts.append(part)
-            machine_code.store(tmp_path, part.partition(".")[2], part.encode())
+            machine_code.store(place, part.partition(".")[2], part.encode())
         time.sleep(0.002)
         busy.pop()
-        return subprocess.CompletedProcess(words, 0)
 
-    monkeypatch.setattr(subprocess, "run", run)
+    compiler.does = compile_parts
     return parts, peak
 
 
@@ -240,12 +263,12 @@ def test_all_parts_are_compiled_once_and_two_at_once(compiled):
     assert len(parts) == len(PARTS)
 
 
-def test_only_what_is_missing_is_compiled(compiled, tmp_path):
+def test_only_what_is_missing_is_compiled(compiled, place):
     parts, _ = compiled
     machine_code.prepare()
     parts.clear()
-    (tmp_path / "kalman_3.o").unlink()
-    (tmp_path / "write_law_torques.o").write_bytes(b"")
+    (place / "kalman_3.o").unlink()
+    (place / "write_law_torques.o").write_bytes(b"")
     machine_code.prepare(["switch_late"])
     assert not parts
     machine_code.prepare()
@@ -260,10 +283,8 @@ def test_a_part_comes_with_its_group_alone(compiled):
                              "run.run_3"]
 
 
-def test_a_folder_that_is_cleared_meanwhile_is_made_again(monkeypatch, compiled, tmp_path):
-    cleared = tmp_path / "cleared" / "kernel-now"
-    monkeypatch.setattr(machine_code, "folder", lambda: cleared)
-    monkeypatch.setattr(subprocess, "run", lambda words, **_: machine_code.store(cleared, SMALL_UNIT, b"code")
-                        or subprocess.CompletedProcess(words, 0))
+def test_a_folder_that_is_cleared_meanwhile_is_made_again(place, compiler):
+    shutil.rmtree(place.parent)
+    compiler.does = lambda words: machine_code.store(place, SMALL_UNIT, b"code")
     machine_code.prepare([SMALL_UNIT])
     assert machine_code.intact_code(SMALL_UNIT) == b"code"

@@ -196,18 +196,17 @@ def test_show_reads_both_kinds(tmp_path):
     assert dump(load_result(path)) == dump_estimate(ESTIMATE)
 
 
+def full(*_):
+    raise OSError(28, "No space left on device")
+
+
 def test_files_are_written_whole(tmp_path, monkeypatch):
     target = tmp_path / "x.yaml"
     write.write_whole(target, "old")
     target.chmod(0o640)
-
-    def full(*_):
-        raise OSError(28, "No space left on device")
-
-    monkeypatch.setattr(os, "fsync", full)
-    with pytest.raises(CannotWrite, match="No space left"):
+    with monkeypatch.context() as disk, pytest.raises(CannotWrite, match="No space left"):
+        disk.setattr(os, "fsync", full)
         write.write_whole(target, "new")
-    monkeypatch.undo()
     assert target.read_text() == "old" and os.listdir(tmp_path) == ["x.yaml"]
     write.write_whole(target, b"new")
     assert target.read_text() == "new" and target.stat().st_mode & 0o777 == 0o640
@@ -222,11 +221,10 @@ def test_missing_folders_are_made_with_the_file_and_stay_away_without_it(tmp_pat
     there.mkdir()
     write.check_target(target)
     assert not list(there.iterdir())  # the check creates nothing
-    monkeypatch.setattr(os, "replace", lambda *_: (_ for _ in ()).throw(OSError(28, "No space left on device")))
-    with pytest.raises(CannotWrite, match="No space left"):
+    with monkeypatch.context() as disk, pytest.raises(CannotWrite, match="No space left"):
+        disk.setattr(os, "replace", full)
         write.write_whole(target, "new")
     assert there.is_dir() and not list(there.iterdir())
-    monkeypatch.undo()
     write.write_whole(target, "new")
     assert target.read_text() == "new"
 

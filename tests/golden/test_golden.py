@@ -232,19 +232,27 @@ def test_a_rename_that_was_not_carried_out_is_found(tmp_path):
 
 
 @pytest.fixture
-def toys(tmp_path, monkeypatch):
-    """Two toy results and two toy trees, and the comparison of them."""
+def kept(tmp_path, monkeypatch):
+    """The folder in which results are kept, of cases that run with few variables."""
+    variables = {"PATH": "/usr/bin:/bin", "TMPDIR": str(tmp_path / "tmp")}
+    monkeypatch.setattr(environment, "variables", lambda _: variables)
     monkeypatch.setenv("DRIVETOOL_GOLDEN", str(tmp_path))
-    monkeypatch.setattr(environment, "tree", lambda commit: tmp_path / "trees" / commit)
+    return tmp_path
+
+
+@pytest.fixture
+def toys(kept, monkeypatch):
+    """Two toy results and two toy trees, and the comparison of them."""
+    monkeypatch.setattr(environment, "tree", lambda commit: kept / "trees" / commit)
     monkeypatch.setattr(tasks, "version", lambda _: "0.2.0")
 
     def compared_trees(new=None, schema='{"title": "A fit"}'):
         for commit, each, text in (("old", result(), '{"title": "A fit"}'), ("new", new or result(), schema)):
-            each.write(tmp_path / commit / f"{CASE.key}.zip")
-            place = tmp_path / "trees" / commit / "schemas" / "fit.json"
+            each.write(kept / commit / f"{CASE.key}.zip")
+            place = kept / "trees" / commit / "schemas" / "fit.json"
             place.parent.mkdir(parents=True, exist_ok=True)
             place.write_text(text)
-        return tasks.report("old", "new", [CASE], tmp_path / "old", tmp_path / "new")
+        return tasks.report("old", "new", [CASE], kept / "old", kept / "new")
 
     return compared_trees
 
@@ -308,10 +316,8 @@ def test_a_case_runs_and_keeps_what_each_command_gave(tmp_path):
     assert Result.read(tmp_path / "kept.zip") == found
 
 
-def test_a_case_that_has_a_result_is_not_run_again(tmp_path, monkeypatch):
-    variables = {"PATH": "/usr/bin:/bin", "TMPDIR": str(tmp_path / "tmp")}
-    monkeypatch.setattr(environment, "variables", lambda _: variables)
-    monkeypatch.setenv("DRIVETOOL_GOLDEN", str(tmp_path))
+@pytest.mark.usefixtures("kept")
+def test_a_case_that_has_a_result_is_not_run_again():
     case = replace(CASE, commands=("date +%N",))
     place = run_all([case], "0" * 40)
     before = Result.read(place / f"{case.key}.zip")
@@ -321,17 +327,14 @@ def test_a_case_that_has_a_result_is_not_run_again(tmp_path, monkeypatch):
 
 
 @pytest.mark.parametrize("command", ["sleep 60", "kill -9 $$", "bash -c 'kill -9 $$'; exit $?"])
-def test_a_case_that_was_stopped_is_not_kept_and_is_a_difference(tmp_path, monkeypatch, command):
-    variables = {"PATH": "/usr/bin:/bin", "TMPDIR": str(tmp_path / "tmp")}
-    monkeypatch.setattr(environment, "variables", lambda _: variables)
-    monkeypatch.setenv("DRIVETOOL_GOLDEN", str(tmp_path))
+def test_a_case_that_was_stopped_is_not_kept_and_is_a_difference(kept, monkeypatch, command):
     monkeypatch.setattr("tests.golden.run.LIMIT", 0.3)
     case = replace(CASE, commands=(command,))
-    for place in (tmp_path / "old", tmp_path / "new"):
+    for place in (kept / "old", kept / "new"):
         result().write(place / f"{case.key}.zip")
-    place = run_all([case], "0" * 40, again=True, place=tmp_path / "new")
+    place = run_all([case], "0" * 40, again=True, place=kept / "new")
     assert not list(place.glob("*.zip"))
-    (found,) = compare.compare([case], tmp_path / "old", place, masks.Masks()).differences
+    (found,) = compare.compare([case], kept / "old", place, masks.Masks()).differences
     assert "no result\n    a command did not end by itself now; the case is run again" in str(found)
 
 

@@ -1,5 +1,6 @@
 """Files as nobody should write them, through the commands: one clear sentence or what is left, and no file."""
 
+import contextlib
 import json
 from pathlib import Path
 
@@ -20,10 +21,9 @@ roles: {motor_torque: {channel: torque, unit: Nm}, motor_speed: {channel: speed,
 
 
 @pytest.fixture(autouse=True)
-def folder(tmp_path, monkeypatch):
-    monkeypatch.chdir(tmp_path)
-    (tmp_path / "map.yaml").write_text(MAP)
-    return tmp_path
+def folder(here):
+    (here / "map.yaml").write_text(MAP)
+    return here
 
 
 def parquet(columns=(), units=(), metadata=None, path="a.parquet"):
@@ -197,13 +197,13 @@ def test_numbers_too_large_for_a_float_are_missing(folder):
     assert np.isfinite(found.signals["motor_torque"]).sum() >= N - 1
 
 
-def test_the_folder_one_stands_in(folder, call, monkeypatch):
+def test_the_folder_one_stands_in(folder, call):
     (folder / "parts").mkdir()
     (folder / "parts" / "_SUCCESS").touch()
     for k in range(2):
         pq.write_table(pa.table({"time": TIME[k::2], "x": SPEED[k::2]}), f"parts/{k}.parquet")
     pq.write_table(pa.table({"y": SPEED}), "parts/2.parquet")
     for where, name in ((".", "parts"), ("parts", ".")):
-        monkeypatch.chdir(folder / where)
-        code, _, err = call("inspect", name)
+        with contextlib.chdir(folder / where):
+            code, _, err = call("inspect", name)
         assert code == 1 and "the same columns in all files of parts; found y in 2.parquet" in err

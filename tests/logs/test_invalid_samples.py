@@ -100,12 +100,12 @@ def near_the_bound(times):
     return len(left_out(built(motor_torque=torque, motor_speed=speed), "motor_speed")) > 0.5 * len(at)
 
 
-def test_eight_standard_deviations(monkeypatch):
-    assert [near_the_bound(times) for times in (6.0, 11.0)] == [False, True]
-    monkeypatch.setattr(module, "OUTLIER_THRESHOLD", 4.0)
-    assert near_the_bound(6.0)
-    monkeypatch.setattr(module, "OUTLIER_THRESHOLD", 16.0)
-    assert not near_the_bound(11.0)
+@pytest.mark.parametrize(("threshold", "times", "out"), [
+    (module.OUTLIER_THRESHOLD, 6.0, False), (module.OUTLIER_THRESHOLD, 11.0, True), (4.0, 6.0, True),
+    (16.0, 11.0, False)])
+def test_eight_standard_deviations(monkeypatch, threshold, times, out):
+    monkeypatch.setattr(module, "OUTLIER_THRESHOLD", threshold)
+    assert near_the_bound(times) is out
 
 
 # --- modulo

@@ -155,10 +155,15 @@ def test_the_topic_is_name_enough_where_one_source_has_the_field(path):
     assert open_experiment(path, channel_map()).signals["motor_speed"].tolist() == OTHER_SPEED.tolist()
 
 
-@pytest.mark.parametrize("kept", [source.MAX_CACHED_BYTES, 3000])
+@pytest.fixture(params=[source.MAX_CACHED_BYTES, 3000])
+def cached(monkeypatch, request):
+    """Files that are kept in memory, and files that are read again for every topic."""
+    monkeypatch.setattr(source, "MAX_CACHED_BYTES", request.param)
+
+
+@pytest.mark.usefixtures("cached")
 @pytest.mark.parametrize("cuts", [(0, 60, N), (0, 1, N), (0, 30, 31, 80, N)], ids=str)
-def test_a_continued_topic_is_one_source(path, cuts, kept, monkeypatch):
-    monkeypatch.setattr(source, "MAX_CACHED_BYTES", kept)
+def test_a_continued_topic_is_one_source(path, cuts):
     parts = [(messages(which=range(*cut)),) for cut in pairwise(cuts)]
     write(path, *parts, (messages(OTHER_SPEED), "/other"))
     assert values(path) == (pytest.approx(SPEED, abs=0), [])
@@ -185,10 +190,9 @@ TWICE = {
 }
 
 
-@pytest.mark.parametrize("kept", [source.MAX_CACHED_BYTES, 3000])
+@pytest.mark.usefixtures("cached")
 @pytest.mark.parametrize("case", TWICE)
-def test_a_topic_recorded_twice_is_used_once_and_that_is_said(path, case, kept, monkeypatch):
-    monkeypatch.setattr(source, "MAX_CACHED_BYTES", kept)
+def test_a_topic_recorded_twice_is_used_once_and_that_is_said(path, case):
     *channels, used = TWICE[case]
     write(path, *((sent,) for sent in channels), (messages(OTHER_SPEED), "/other"))
     found = read_recording(path, channel_map())

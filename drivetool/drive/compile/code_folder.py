@@ -76,10 +76,10 @@ def _numba_version() -> str:
     return ""
 
 
-def folder_name() -> str:
-    """Name with a hash of the versions and of all sources, for any part may call any function."""
-    sources = b"".join(file.read_bytes() for file in sorted(SOURCES.rglob("*.py")))
-    return "kernel-" + hashlib.sha256(sources + versions().encode()).hexdigest()[:16]
+def folder_name(sources: Path = SOURCES) -> str:
+    """Name with a hash of the versions and of all sources below a folder, for any part may call any function."""
+    content = b"".join(file.read_bytes() for file in sorted(sources.rglob("*.py")))
+    return "kernel-" + hashlib.sha256(content + versions().encode()).hexdigest()[:16]
 
 
 @cache
