@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Mapping, Sequence
+from typing import Any
 
 from drivetool.errors import Finding
 from drivetool.files.shapes import trend_shapes as shapes
@@ -46,16 +47,20 @@ def _change_findings(found: Sequence[Trend]) -> list[Finding]:
     series_counts = Counter((t.series.machine, t.series.parameter) for t in found)
     alarms, small = [], []
     for trend in found:
-        series = trend.series
+        series, drift = trend.series, trend.drift
         step = series_counts[series.machine, series.parameter] > 1
-        if trend.drift is not None and trend.drift.significant:
-            text, evidence = drift_text(series, trend.drift, step), _drift_evidence(trend, trend.drift)
-            if trend.drift.alarm:
-                alarms.append(Finding("warning", "trend-alarm", text, evidence, ALARM_ADVICE))
-            else:
-                small.append(Finding("note", "small-change", text, evidence, SMALL_CHANGE_ADVICE))
-        for change in trend.changes:
-            text, evidence = step_text(series, change, step), _step_evidence(trend, change)
+        seen: list[tuple[Change | shapes.DriftSection, str, dict[str, Any]]] = [
+            (each, step_text(series, each, step),
+             {"last_before": each.last_before, "first_after": each.first_after, "before": each.before,
+              "after": each.after}) for each in trend.changes]
+        if drift is not None and drift.significant:
+            seen.insert(0, (drift, drift_text(series, drift, step), {
+                "first": series.recordings[0], "last": series.recordings[-1], "before": drift.before,
+                "after": drift.after, "slope_per_recording": drift.per_recording.value}))
+        for change, text, own in seen:
+            evidence = {
+                "machine": series.machine, "parameter": series.parameter, "step": series.step, "unit": series.unit,
+                **own, "std": change.std, "ratio": change.ratio, "chance": change.chance}
             if change.alarm:
                 alarms.append(Finding("warning", "trend-alarm", text, evidence, ALARM_ADVICE))
             else:
@@ -63,43 +68,26 @@ def _change_findings(found: Sequence[Trend]) -> list[Finding]:
     return [*alarms, *small]
 
 
-def _step_evidence(trend: Trend, change: Change) -> dict[str, float | int | str | None]:
-    series = trend.series
-    return {"machine": series.machine, "parameter": series.parameter, "step": series.step, "unit": series.unit,
-            "last_before": series.recordings[change.place - 1], "first_after": series.recordings[change.place],
-            "before": change.before, "after": change.after, "std": change.std, "ratio": change.ratio,
-            "chance": change.chance}
-
-
-def _drift_evidence(trend: Trend, drift: shapes.DriftSection) -> dict[str, float | int | str | None]:
-    series = trend.series
-    return {"machine": series.machine, "parameter": series.parameter, "step": series.step, "unit": series.unit,
-            "first": series.recordings[0], "last": series.recordings[-1], "before": drift.before,
-            "after": drift.after, "slope_per_recording": drift.per_recording.value, "std": drift.std,
-            "ratio": drift.ratio, "chance": drift.chance}
-
-
 def _outlier_findings(found: Sequence[Trend]) -> list[Finding]:
     """A finding per recording that is an outlier of its machine in any parameter."""
     by_recording: dict[tuple[str, str], list[tuple[Trend, Outlier]]] = {}
     for trend in found:
-        for name, outlier in trend.outliers:
-            by_recording.setdefault((trend.series.machine, name), []).append((trend, outlier))
-    return [_outlier_finding(machine, name, sorted(places, key=lambda pair: -pair[1].ratio))
-            for (machine, name), places in by_recording.items()]
+        for outlier in trend.outliers:
+            by_recording.setdefault((trend.series.machine, outlier.recording), []).append((trend, outlier))
+    return [_outlier_finding(sorted(places, key=lambda pair: -pair[1].ratio)) for places in by_recording.values()]
 
 
-def _outlier_finding(machine: str, name: str, outliers: Sequence[tuple[Trend, Outlier]]) -> Finding:
+def _outlier_finding(outliers: Sequence[tuple[Trend, Outlier]]) -> Finding:
     trend, outlier = outliers[0]
     newest = outlier.place == len(trend.series.values) + len(trend.outliers) - 1
     other_subjects = [lower_first_letter(series_subject(other.series)) for other, _ in outliers[1:]]
     return Finding(
         "warning", "outlying-recording",
-        f"{outlier_text(trend.series, name, outlier)} It is left out of this trend"
+        f"{outlier_text(trend.series, outlier)} It is left out of this trend"
         f"{f' and of those of {_name_list(other_subjects)}' if other_subjects else ''}.",
-        {"machine": machine, "recording": name, "parameter": trend.series.parameter, "step": trend.series.step,
-         "unit": trend.series.unit, "value": outlier.value, "expected": outlier.expected, "std": outlier.std,
-         "ratio": outlier.ratio, "chance": outlier.chance, "parameters": len(outliers)},
+        {"machine": trend.series.machine, "recording": outlier.recording, "parameter": trend.series.parameter,
+         "step": trend.series.step, "unit": trend.series.unit, "value": outlier.value, "expected": outlier.expected,
+         "std": outlier.std, "ratio": outlier.ratio, "chance": outlier.chance, "parameters": len(outliers)},
         (f"{NEWEST_OUTLIER_ADVICE} " if newest else "") + OUTLIER_ADVICE)
 
 
