@@ -71,7 +71,7 @@ def _with_controller(loop: Loop, settings: Settings, state: np.ndarray, speed: f
     fixed = a[nm:-1, :nm] @ state[:nm] + b[nm:-1] * speed
     at_zero = np.linalg.solve(inner, -fixed) if len(inner) else np.zeros(0)
     per_unit = np.linalg.solve(inner, -a[nm:-1, -1]) if len(inner) else np.zeros(0)
-    rows = _torque_rows(loop, settings)
+    rows = loop.torque_rows(settings)
     zero = rows @ np.r_[state[:nm], at_zero, 0.0]
     zero += loop.direct * speed * np.array([loop.reference_gain(m, settings) for m in loop.wiring.motors])
     slope = rows @ np.r_[np.zeros(nm), per_unit, 1.0]
@@ -79,12 +79,6 @@ def _with_controller(loop: Loop, settings: Settings, state: np.ndarray, speed: f
     state[nm:-1] = at_zero + integral_state * per_unit
     state[-1] = integral_state
     return state
-
-
-def _torque_rows(loop: Loop, settings: Settings) -> np.ndarray:
-    """(motors, n) torque of each motor over the state."""
-    one = [np.array([v]) for v in (settings.gain, settings.integral_time, settings.second)]
-    return loop.outputs([f"{m}_torque" for m in loop.wiring.motors], *one)[0]
 
 
 def _system(loop: Loop, settings: Settings, step: float, outputs: tuple[str, ...]) -> System:

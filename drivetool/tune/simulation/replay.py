@@ -90,12 +90,11 @@ def _simulate_signals(loop: Loop, settings: Settings, inputs: np.ndarray, start:
     plant = closed_loop(loop, settings, step / parts)
     _, states = simulate_loop(plant, np.repeat(inputs, parts, axis=0), start, step / parts)
     states = states[::parts]
-    one = [np.array([v]) for v in (settings.gain, settings.integral_time, settings.second)]
-    motor = loop.wiring.motors[0]
     if experiment.torque_is == "command":
-        torque = states @ loop.command_rows(motor, *one)[0] + settings.gain * inputs[:, 0]
+        command = loop.command_rows(loop.wiring.motors[0], *settings.columns)[0]
+        torque = states @ command + settings.gain * inputs[:, 0]
     else:
-        torque = states @ loop.outputs([f"{motor}_torque"], *one)[0, 0] + loop.direct * settings.gain * inputs[:, 0]
+        torque = states @ loop.torque_rows(settings)[0] + loop.direct * settings.gain * inputs[:, 0]
     if not all(np.isfinite(states[-1])):
         raise BadRecording("a stable loop", "an unstable one with these gains",
                            "Check that the gains belong to this drive.")

@@ -64,6 +64,11 @@ class Settings:
     integral_time: float
     second: float = 1.0
 
+    @property
+    def columns(self) -> tuple[np.ndarray, ...]:
+        """Gain, integral time and K as (1,) each, for functions of many settings."""
+        return tuple(np.array([v]) for v in (self.gain, self.integral_time, self.second))
+
 
 @dataclass(frozen=True)
 class Loop:
@@ -100,8 +105,7 @@ class Loop:
 
     def matrix(self, settings: Settings) -> np.ndarray:
         """(n, n) of the closed loop."""
-        return self.matrices(*(np.array([v]) for v in (
-            settings.gain, settings.integral_time, settings.second)))[0]
+        return self.matrices(*settings.columns)[0]
 
     def matrices(self, gain: np.ndarray, integral_time: np.ndarray, second: np.ndarray) -> np.ndarray:
         """(m, n, n) of the closed loops of m settings, each (m,)."""
@@ -120,6 +124,10 @@ class Loop:
             if self.direct and motor in self.wiring.motors:
                 found[:, k] += self.direct * self.command_rows(motor, gain, integral_time, second)
         return found
+
+    def torque_rows(self, settings: Settings) -> np.ndarray:
+        """(motors, n) torque of each motor over the state."""
+        return self.outputs([f"{m}_torque" for m in self.wiring.motors], *settings.columns)[0]
 
     def reference_gain(self, motor: str, settings: Settings) -> float:
         """Direct gain from speed reference to the command of a motor."""
