@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import asdict
 from io import BytesIO
 from pathlib import Path
 
@@ -11,7 +10,7 @@ import numpy as np
 from drivetool.files.disk import write_whole
 from drivetool.files.results.result_file import file_sections, finding_sections, tool_section
 from drivetool.files.shapes import analysis_shapes as shapes
-from drivetool.files.yaml import to_plain
+from drivetool.files.yaml import to_plain, written
 from drivetool.identify.frequency import Response, Spectrum
 
 CURVE_COLUMNS = ("frequency", "magnitude", "phase", "real", "imaginary", "noise_std", "total_std", "spread_std",
@@ -30,10 +29,8 @@ def spectra_file(spectrum: Spectrum, curves: str | None = None) -> shapes.Spectr
         uncertainty=to_plain({"noise": _relative_std(m.noise, m.g), "with_distortion": _relative_std(m.total, m.g),
                            "over_runs": None if spectrum.spread is None else _relative_std(spectrum.spread**2,
                                                                                            m.g)}),
-        peaks=[shapes.PeakSection(**to_plain(dict(p))) for p in spectrum.peaks],
-        distortion=[shapes.DistortionSection(**to_plain(asdict(d)),
-            below_signal_db=d.below_signal_db if d.seen else None)
-                    for d in spectrum.distortion],
+        peaks=[written(peak, shapes.PeakSection) for peak in spectrum.peaks],
+        distortion=[written(each, shapes.DistortionSection) for each in spectrum.distortion],
         feedback=to_plain({"share": spectrum.feedback.share, "p": spectrum.feedback.p}), curves=curves,
         findings=finding_sections(spectrum.findings), data=file_sections(spectrum.data),
         options=to_plain(spectrum.options))
