@@ -131,7 +131,10 @@ def design_findings(drive: Drive, design: Design, options: TuneOptions) -> list[
             {"kept": design.kept}, "Raise --draws."))
     found += limit_cycle_findings(drive, design, prefix)
     if design.wiring.configuration == "mimo" and not design.watches and design.safe_gain is not None:
-        found.append(_mimo_gap_finding(prefix))
+        found.append(Finding(
+            "note", "shaft-feedback-not-evaluated",
+            f"{prefix}The shaft-torque feedback was not simulated across the gap.", {},
+            "Check the design with a reduced shaft stiffness (describing function), and on the machine."))
     return found
 
 
@@ -161,9 +164,3 @@ def limit_cycle_findings(drive: Drive, design: Design, prefix: str) -> list[Find
             f"{prefix}The describing function of the gap allows a limit cycle; no simulated impact excites one.",
              {"gain_without_cycle": design.safe_gain}, advice))
     return found
-
-
-def _mimo_gap_finding(prefix: str) -> Finding:
-    return Finding("note", "shaft-feedback-not-evaluated",
-                   f"{prefix}The shaft-torque feedback was not simulated across the gap.", {},
-                   "Check the design with a reduced shaft stiffness (describing function), and on the machine.")

@@ -126,17 +126,12 @@ def _refine_optimum(task: TuningProblem, best: Optimum) -> Optimum:
             task, limits=replace(task.limits, sensitivity=working),
             scenarios=tuple((loop, with_fine_peaks(own, best.settings)) for loop, own in task.scenarios))
         best = _polish(task, _restart_nearby(task, best.settings), FINE_STEPS)
-        found = largest_sensitivity(task, best.settings)
+        found = max(sensitivity_of(loop, own, best.settings) for loop, own in task.scenarios)
         if found - limit <= 1e-9:
             break
         # Corrected as a distance from -1, which stays positive even for an unstable loop.
         working = 1.0 / (1.0 / working + (1.0 / limit - 1.0 / found) * (1.0 + 1e-3))
     return best
-
-
-def largest_sensitivity(task: TuningProblem, settings: Settings) -> float:
-    """The largest Ms of all scenarios."""
-    return max(sensitivity_of(loop, own, settings) for loop, own in task.scenarios)
 
 
 def sensitivity_of(loop: Loop, own: Plant, settings: Settings) -> float:
@@ -288,7 +283,8 @@ class _Objective:
 def _nelder_mead(task: TuningProblem, start: _GridPoint, free: list[int], end: float | None,
                  step: Sequence[float]) -> Optimum:
     """One Nelder-Mead run over some of the three coordinates."""
-    trial = _Objective(task, start, free, end, Optimum(_settings_of(start), start.value))
+    settings = Settings(float(start.gain), *(float(v) for v in np.exp(start.point[:2])))
+    trial = _Objective(task, start, free, end, Optimum(settings, start.value))
     x0 = start.point[free]
     simplex = np.vstack([x0, x0 + np.diag([_first_step(x0[i], k, step[k]) for i, k in enumerate(free)])])
     minimize(trial, x0, method="Nelder-Mead", options={
@@ -299,10 +295,6 @@ def _nelder_mead(task: TuningProblem, start: _GridPoint, free: list[int], end: f
 def _first_step(x: float, coordinate: int, step: float) -> float:
     """The first step of a position points into its interval."""
     return -step if coordinate == 2 and x > 0.5 else step
-
-
-def _settings_of(start: _GridPoint) -> Settings:
-    return Settings(float(start.gain), *(float(v) for v in np.exp(start.point[:2])))
 
 
 def _nearest_interval(task: TuningProblem, integral_time: float, second: float, gain: float) -> np.ndarray | None:

@@ -56,7 +56,9 @@ def disturbance_responses(loop: Loop, settings: Settings) -> tuple[DisturbanceRe
     # The constant torque in the last shaft when the load turns at the working point with no load torque.
     idle = float(steady_torques(loop.drive, 0.0, 0.0, np.copysign(1.0, loop.wiring.speed))[0][-1])
     speed = loop.wiring.speed or 200.0 * kick_unit
-    no_shaft_torque = -idle - _load_viscous_friction(loop) * speed / loop.drive.gear_ratios()[-1]
+    plain = Assembly(loop.drive, Layout((), (MOTOR_TORQUE,), (), 1.0, gradient=False))
+    viscous = float(plain.of_body(len(loop.drive.bodies) - 1, "viscous").v)  # at speed it loads the shaft, too
+    no_shaft_torque = -idle - viscous * speed / loop.drive.gear_ratios()[-1]
     situations = [(loop, NO_SHAFT_TORQUE, speed, no_shaft_torque)]
     if idle:
         situations.append((loop, "no load torque but the idle torque, moving", speed, 0.0))
@@ -84,12 +86,6 @@ def _watch_situation(loop: Loop, settings: Settings, name: str, speed: float, lo
         if found[-1].hunts:
             return found[-1]
     return found[DEFAULT_KICK]
-
-
-def _load_viscous_friction(loop: Loop) -> float:
-    """Viscous friction of the last body, which at speed also loads the shaft."""
-    plain = Assembly(loop.drive, Layout((), (MOTOR_TORQUE,), (), 1.0, gradient=False))
-    return float(plain.of_body(len(loop.drive.bodies) - 1, "viscous").v)
 
 
 def _simulate_disturbance(loop: Loop, settings: Settings, name: str, speed: float, load: float, kick_unit: float,

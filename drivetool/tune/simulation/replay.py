@@ -24,7 +24,7 @@ class LoopReplay:
     time                 (n,) [s]
     measured, simulated  role -> (n,)
     fits                 role -> simulation fit [%]; rmse: role -> root mean square error
-    load                 (n,) load torque; reference: assumed speed reference
+    load                 (n,) load torque
     """
 
     time: np.ndarray
@@ -33,7 +33,6 @@ class LoopReplay:
     fits: dict[str, float]
     rmse: dict[str, float]
     load: np.ndarray
-    reference: float
 
 
 def replay_load_step(loop: Loop, settings: Settings, experiment: Experiment) -> LoopReplay:
@@ -69,7 +68,7 @@ def replay_load_step(loop: Loop, settings: Settings, experiment: Experiment) -> 
         fits[role] = fit_percent(y[known], simulated[role][known])
         rmse[role] = float(np.sqrt(np.mean((y - simulated[role])[known] ** 2)))
     return LoopReplay(experiment.time[first:last], measured,
-                      {role: simulated[role] for role in measured}, fits, rmse, load, reference)
+                      {role: simulated[role] for role in measured}, fits, rmse, load)
 
 
 def _first_load_step(load: np.ndarray) -> int | None:

@@ -146,11 +146,6 @@ class Loop:
         return gain[:, None] * (integral / integral_time[:, None] - share[:, None] * speed)
 
 
-def channels(wiring: Wiring) -> int:
-    """Number of different commands."""
-    return 1 if wiring.configuration == "siso" else 2
-
-
 def check_wiring(drive: Drive, wiring: Wiring) -> None:
     """Reject a configuration that the drive does not allow.
 
@@ -186,8 +181,9 @@ def build(drive: Drive, wiring: Wiring) -> Loop:
     given, drive = drive, at_working_point(drive, wiring.speed)
     a_m, b_m = mechanics(drive, wiring)
     path, sensor = torque_path(drive, wiring), lag(drive, "sensor").states()
-    reading = _in_series(sensor, Lag(_filter_bandwidth(wiring.speed_filter), order=1).states())
-    nm, npath, nc = len(a_m), len(path[0]), channels(wiring)
+    speed_filter = Lag(1.0 / wiring.speed_filter if wiring.speed_filter else np.inf, order=1)
+    reading = _in_series(sensor, speed_filter.states())
+    nm, npath, nc = len(a_m), len(path[0]), 1 if wiring.configuration == "siso" else 2
     n = nm + nc * npath + len(reading[0]) + 1
     a, integral = np.zeros((n, n)), n - 1
     a[:nm, :nm] = a_m
@@ -311,10 +307,6 @@ def lag_time(drive: Drive, wiring: Wiring) -> float:
     """Delay of slow signals by all elements of the loop except the drive itself [s]."""
     return (drive.value("converter.dead_time") + wiring.speed_filter + lag(drive, "converter").time
             + lag(drive, "sensor").time)
-
-
-def _filter_bandwidth(time: float) -> float:
-    return 1.0 / time if time else np.inf
 
 
 def _channel_inputs(inputs: np.ndarray, wiring: Wiring) -> np.ndarray:
