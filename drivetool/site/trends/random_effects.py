@@ -3,11 +3,10 @@
 from __future__ import annotations
 
 import numpy as np
-from scipy.optimize import brentq
 from scipy.stats import t as student
 
 from drivetool.files.shapes import trend_shapes as shapes
-from drivetool.identify.outcome import mean_of, variance_between
+from drivetool.identify.outcome import mean_of, restricted_variance, variance_between
 
 # Of the scatter of all values: smaller variances give weights so different that sums lose digits by rounding.
 MIN_RELATIVE_VARIANCE = 1e-8
@@ -62,22 +61,8 @@ def within_day_variance(values: np.ndarray, variances: np.ndarray, groups: list[
     values, variances  (n,); groups: places of the recordings of each day
     """
     groups = [group for group in groups if len(group) > 1]
-
-    def slope(candidate: float) -> float:
-        found = 0.0
-        for group in groups:
-            weight = 1.0 / (candidate + variances[group])
-            mean = np.sum(weight * values[group]) / np.sum(weight)
-            found += float(np.sum(weight**2 * (values[group] - mean) ** 2) - np.sum(weight)
-                           + np.sum(weight**2) / np.sum(weight))
-        return found
-
-    if slope(0.0) <= 0.0:
-        return 0.0
     high = 4.0 * max(float(np.var(values[group])) for group in groups)
-    while slope(high) > 0.0:
-        high *= 4.0
-    return float(brentq(slope, 0.0, high))
+    return restricted_variance(values, variances, groups, high)
 
 
 def _student_interval(value: float, variance: float, degrees: int) -> tuple[float, float]:
