@@ -3,20 +3,23 @@
 from __future__ import annotations
 
 import hashlib
-from collections.abc import Sequence
 from pathlib import Path
 from typing import BinaryIO
 
 from drivetool.drive import Drive
 from drivetool.errors import BadOption
-from drivetool.files.results.result_file import drive_section, file_sections, finding_sections, tool_section
+from drivetool.files.results.result_file import (
+    Inputs,
+    drive_section,
+    file_sections,
+    finding_sections,
+    tool_section,
+)
 from drivetool.files.shapes import gains_shapes as shapes
 from drivetool.files.yaml import checked, from_yaml, read_bytes, to_plain, written
 from drivetool.tune import Design, Gains, Ratings, gain_unit
 from drivetool.tune.optimisation import SpeedFactors
 from drivetool.tune.speed_loop import SHAFT_TORQUE_SHARE, Settings, Wiring
-
-Inputs = Sequence[tuple[str, str]]
 
 
 def gains_file(gains: Gains, inputs: Inputs = (), options: dict[str, object] | None = None) -> shapes.GainsFile:

@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-from io import BytesIO
 from pathlib import Path
 
 import numpy as np
 
 from drivetool.files.disk import write_whole
+from drivetool.files.results.parquet_file import parquet_bytes
 from drivetool.files.results.result_file import file_sections, finding_sections, tool_section
 from drivetool.files.shapes import analysis_shapes as shapes
 from drivetool.files.yaml import to_plain, written
@@ -48,7 +48,6 @@ def curves_bytes(spectrum: Spectrum) -> bytes:
     Variances are of the complex value, E|error|^2; each of its two parts has half of it.
     """
     import pyarrow as pa
-    import pyarrow.parquet as pq
 
     parts = [("all", spectrum.mean, spectrum.spread)]
     parts += [(name, r, None) for name, r in spectrum.runs] if len(spectrum.runs) > 1 else []
@@ -57,9 +56,7 @@ def curves_bytes(spectrum: Spectrum) -> bytes:
     table = np.hstack([_curve_columns(r, spread) for _, r, spread in parts])
     fields = [pa.field("run", pa.string())] + [
         pa.field(name, pa.float64(), metadata={"unit": units.get(name, spectrum.unit)}) for name in CURVE_COLUMNS]
-    buffer = BytesIO()
-    pq.write_table(pa.table([pa.array(run), *table], schema=pa.schema(fields)), buffer, compression="zstd")
-    return buffer.getvalue()
+    return parquet_bytes(pa.table([pa.array(run), *table], schema=pa.schema(fields)))
 
 
 def _curve_columns(r: Response, spread: np.ndarray | None) -> np.ndarray:
