@@ -8,6 +8,7 @@ from typing import Any
 
 from drivetool.errors import Finding
 from drivetool.files.shapes import trend_shapes as shapes
+from drivetool.files.yaml import first_of
 from drivetool.logs.formats import Row
 from drivetool.site.trends.alarm import DEFAULT_ALARM_RATIO
 from drivetool.site.trends.change_points import MIN_SERIES_LENGTH
@@ -16,7 +17,6 @@ from drivetool.site.trends.sentences import drift_text, lower_first_letter, outl
 from drivetool.site.trends.series import Series, series_of, without_copies
 from drivetool.site.trends.trend import Change, Trend, trends
 
-MAX_NAMES_LISTED = 5  # A choice: names in a readable sentence; the rest is counted.
 # Times 1 / sqrt(n), the standard deviation of the correlation of n independent recordings: one in 700 exceeds it.
 CORRELATION_SIGNIFICANCE = 3.0
 ALARM_ADVICE = ("Look for what changed at the machine at that time: wear, lubrication, load, temperature or a "
@@ -84,7 +84,7 @@ def _outlier_finding(outliers: Sequence[tuple[Trend, Outlier]]) -> Finding:
     return Finding(
         "warning", "outlying-recording",
         f"{outlier_text(trend.series, outlier)} It is left out of this trend"
-        f"{f' and of those of {_name_list(other_subjects)}' if other_subjects else ''}.",
+        f"{f' and of those of {first_of(other_subjects)}' if other_subjects else ''}.",
         {"machine": trend.series.machine, "recording": outlier.recording, "parameter": trend.series.parameter,
          "step": trend.series.step, "unit": trend.series.unit, "value": outlier.value, "expected": outlier.expected,
          "std": outlier.std, "ratio": outlier.ratio, "chance": outlier.chance, "parameters": len(outliers)},
@@ -97,7 +97,7 @@ def _recording_remarks(rows: Sequence[Row], copies: Mapping[str, str], found: Se
     if copies:
         remarks.append(Finding(
             "note", "copied-recordings",
-            f"{_name_list([f'{copy} repeats {first}' for copy, first in copies.items()])}: all values and standard "
+            f"{first_of([f'{copy} repeats {first}' for copy, first in copies.items()])}: all values and standard "
             "deviations are equal. The copies are left out.", {"copies": len(copies)},
             "Take the copies out of the site."))
     longest_series = dict.fromkeys((row.machine for row in rows if row.recording and row.machine), 0)
@@ -108,7 +108,7 @@ def _recording_remarks(rows: Sequence[Row], copies: Mapping[str, str], found: Se
         remarks.append(Finding(
             "note", "few-recordings",
             f"A trend needs {MIN_SERIES_LENGTH} recordings of one kind with a value, or days where a day has "
-            f"several; too few: {_name_list([f'{m} has {n}' for m, n in short_series.items()])}. For such a "
+            f"several; too few: {first_of([f'{m} has {n}' for m, n in short_series.items()])}. For such a "
             "machine only means are stated, if any.",
             dict(short_series), "Record it again on further days."))
     remarks += _unit_findings(found)
@@ -116,7 +116,7 @@ def _recording_remarks(rows: Sequence[Row], copies: Mapping[str, str], found: Se
     if dateless:
         remarks.append(Finding(
             "note", "undated-recordings",
-            f"Not all recordings of {_name_list(dateless)} have a date. Only their order is "
+            f"Not all recordings of {first_of(dateless)} have a date. Only their order is "
             "used; days are not distinguished.", {"machines": len(dateless)},
             "Log absolute times, or name recordings by date."))
     missing = {series_subject(t.series): t.series.left_out for t in found if t.series.left_out}
@@ -124,7 +124,7 @@ def _recording_remarks(rows: Sequence[Row], copies: Mapping[str, str], found: Se
         remarks.append(Finding(
             "note", "values-missing",
             f"Recordings without a fitted value are left out: "
-            f"{_name_list([f'{n} of {what}' for what, n in missing.items()])}.", {"series": len(missing)},
+            f"{first_of([f'{n} of {what}' for what, n in missing.items()])}.", {"series": len(missing)},
             "See in the files of these recordings why they have none."))
     return [*remarks, *_correlation_findings(found)]
 
@@ -140,7 +140,7 @@ def _unit_findings(found: Sequence[Trend]) -> list[Finding]:
         return []
     return [Finding(
         "note", "units-mixed",
-        f"Recordings state one parameter in several units: {_name_list(several)}. Each unit is a separate series, "
+        f"Recordings state one parameter in several units: {first_of(several)}. Each unit is a separate series, "
         "and changes from one to the other are not tested.", {"parameters": len(several)},
         "Give the recordings of a machine one unit of torque, by a channel map or a torque constant.")]
 
@@ -154,12 +154,7 @@ def _correlation_findings(found: Sequence[Trend]) -> list[Finding]:
     return [Finding(
         "note", "recordings-correlated",
         f"Apart from steps and drift, neighbouring recordings are correlated: "
-        f"{_name_list([f'{series_subject(t.series)} by {t.correlation:.2f}' for t in correlated])} (correlation). "
+        f"{first_of([f'{series_subject(t.series)} by {t.correlation:.2f}' for t in correlated])} (correlation). "
         "Intervals and tests include it.", {"series": len(correlated), "largest": correlated[0].correlation},
         "Look for what varies slowly, such as the temperature. Small steps of this "
         "series may be parts of such a slow variation.")]
-
-
-def _name_list(names: Sequence[str]) -> str:
-    more = len(names) - MAX_NAMES_LISTED
-    return ", ".join(names[:MAX_NAMES_LISTED]) + (f" and {more} more" if more > 0 else "")

@@ -76,9 +76,7 @@ def _no_trend_reason(tested: TestedSeries) -> str:
 
 def _trend_of(tested: TestedSeries, tests: int, alarm: float) -> Trend:
     """The trend of one series; tests: in all of the site."""
-    if reason := _no_trend_reason(tested):
-        return Trend(tested.series, (), _mean_between(tested.series), (), None, (), 0.0, len(tested.firsts), reason)
-    outliers = outliers_of(tested.series, tests, alarm)
+    outliers = () if _no_trend_reason(tested) else outliers_of(tested.series, tests, alarm)
     tested = tested_series(tested.series.without([outlier.place for outlier in outliers]))
     series, means = tested.series, tested.means
     if reason := _no_trend_reason(tested):

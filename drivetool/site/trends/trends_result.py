@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import hashlib
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
@@ -12,6 +11,7 @@ from drivetool.files.results import Inputs, file_sections, finding_sections, too
 from drivetool.files.shapes import trend_shapes as shapes
 from drivetool.files.yaml import counted_noun, to_plain, written
 from drivetool.logs import display_name
+from drivetool.logs.formats import file_sha256
 from drivetool.site.trends.trend import Trend
 
 
@@ -38,7 +38,7 @@ def count_sentence(findings: Sequence[Finding], found: Sequence[Trend]) -> str:
 
 def summary_input(path: str) -> tuple[str, str]:
     """(name, sha256) of a summary that was read."""
-    return display_name(Path(path)), hashlib.sha256(Path(path).read_bytes()).hexdigest()
+    return display_name(Path(path)), file_sha256(path)
 
 
 def _series_section(trend: Trend) -> shapes.SeriesSection:
