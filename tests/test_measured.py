@@ -168,7 +168,7 @@ def test_motor_bench_in_the_frequency_domain_agrees_with_the_time_domain(end):
     seen = spectra([bench], SpectraOptions())
     assert seen.mean.method == "periodic" and seen.settings["period"] == pytest.approx(1.0)
     np.testing.assert_allclose(seen.mean.frequency, np.arange(11.0, 251.0))  # the lines its owners excited
-    peaks = {p["kind"]: p["hz"] for p in seen.peaks}
+    peaks = {p.kind: p.hz for p in seen.peaks}
     assert peaks["resonance"] == pytest.approx(76.3, abs=1.0) and peaks["anti-resonance"] == pytest.approx(54,
         abs=1.0)
     estimates = [greybox([bench.between(0.0, end)], BENCH, Options(criterion=c))

@@ -126,7 +126,7 @@ def _trend_files(outcome: SiteOutcome, cases: Sequence[Case], out: Path,
         say(f"{finding.severity}: {finding.text}")
     # Without the checksum of the summary, which contains the cost of the run.
     return {TRENDS_FILE: dump(trends_file(findings, found_trends, {"alarm": DEFAULT_ALARM_RATIO})),
-            OVERVIEW_PAGE: index_page(outcome.entries, cases, outcome.outputs, changes)}
+            OVERVIEW_PAGE: index_page(outcome.entries, cases, changes)}
 
 
 def _write_files(out: Path, files: Mapping[str, str | bytes]) -> None:

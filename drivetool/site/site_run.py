@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from typing import Any
 
 from drivetool.errors import DriveToolError
+from drivetool.files.yaml import first_of
 from drivetool.progress import report_progress
 from drivetool.site.plan import (
     Machine,
@@ -22,19 +23,17 @@ from drivetool.site.pool import all_at_once
 from drivetool.site.results import Entry, Manifest, StepResult
 
 
-@dataclass
+@dataclass(frozen=True)
 class SiteOutcome:
     """The results of a run.
 
     entries    of the summary, in its order
-    outputs    recording (or machine) and step -> file from the folder of the results
     run_count  how many tasks were run; pending: those that still have to be run, and why
     """
 
-    entries: list[Entry] = field(default_factory=list)
-    outputs: dict[tuple[str, str, str], str] = field(default_factory=dict)
-    run_count: int = 0
-    pending: list[str] = field(default_factory=list)
+    entries: list[Entry]
+    run_count: int
+    pending: list[str]
 
 
 def run_site(options: RunOptions, recordings: Sequence[Recording], manifest: Manifest) -> SiteOutcome:
@@ -44,8 +43,7 @@ def run_site(options: RunOptions, recordings: Sequence[Recording], manifest: Man
     returns  Outcome
     raises   CannotWrite: the disk is full; results stored by then are kept
     """
-    outcome = SiteOutcome()
-    _read_headers(options, recordings, manifest, outcome)
+    unread = _read_headers(options, recordings, manifest)
     machines, without_machine = machines_of(recordings, manifest.headers, any(step.joint for step in options.steps))
     _say_order(options, machines)
     schedule = Schedule(options, machines, manifest)
@@ -57,24 +55,20 @@ def run_site(options: RunOptions, recordings: Sequence[Recording], manifest: Man
         tasks = [task for stage in schedule.stages if stage.step is step for task in stage.tasks]
         _say_duplicates(options, duplicates(tasks))
         for task in tasks:
-            line = schedule.manifest_line(task)
-            results[step.name, task.machine, task.path] = _summary_entry(task, line)
-            if line is not None and line["sha256"] is not None:
-                outcome.outputs[task.machine, task.path, step.name] = task.output
-    outcome.pending += schedule.pending
-    outcome.run_count = schedule.run_count
-    outcome.entries = _entries_in_order(options, machines, without_machine, results)
-    return outcome
+            results[step.name, task.machine, task.path] = _summary_entry(task, schedule.manifest_line(task))
+    return SiteOutcome(_entries_in_order(options, machines, without_machine, results), schedule.run_count,
+                       [*unread, *schedule.pending])
 
 
-def _read_headers(options: RunOptions, recordings: Sequence[Recording], manifest: Manifest,
-                  outcome: SiteOutcome) -> None:
-    """Read the start time and metadata of each recording; files of equal content once."""
+def _read_headers(options: RunOptions, recordings: Sequence[Recording], manifest: Manifest) -> list[str]:
+    """Read the start time and metadata of each recording; files of equal content once.
+
+    returns  what has to be read where nothing may be run
+    """
     new = {r.header_key: r for r in recordings
            if not _header_is_current(manifest.headers.get(r.header_key), options)}
     if options.executor is None:
-        outcome.pending += [f"{r.path}: it has not been looked into" for r in recordings if r.header_key in new]
-        return
+        return [f"{r.path}: it has not been looked into" for r in recordings if r.header_key in new]
     unread = list(new.values())
     tasks = [{"folder": str(options.folder), "look": r.path, "map": r.section.map} for r in unread]
     for count, (index, answer) in enumerate(options.executor.serve(all_at_once(tasks)), 1):
@@ -85,6 +79,7 @@ def _read_headers(options: RunOptions, recordings: Sequence[Recording], manifest
                              "start": answer.get("start"), "metadata": answer.get("metadata", {}),
                              "ended": ended, "limit": options.limits.get(ended or "", 0.0)})
         report_progress("look into the recordings", count, len(unread))
+    return []
 
 
 def _header_is_current(line: Mapping[str, Any] | None, options: RunOptions) -> bool:
@@ -96,19 +91,14 @@ def _header_is_current(line: Mapping[str, Any] | None, options: RunOptions) -> b
 def _say_order(options: RunOptions, machines: Sequence[Machine]) -> None:
     named = [machine.name for machine in machines if machine.by_name and len(machine.recordings) > 1]
     if named:
-        options.say(f"recordings without absolute time are ordered by name: machine {_first_three(named)}")
+        options.say(f"recordings without absolute time are ordered by name: machine {first_of(named, 3)}")
 
 
 def _say_duplicates(options: RunOptions, pairs: Sequence[tuple[StepTask, StepTask]]) -> None:
     if pairs:
         named = [f"{task.path or task.machine} is {owner.path or owner.machine}" for task, owner in pairs]
         options.say(f"{pairs[0][0].step.name}: {len(pairs)} of equal content are fitted once and listed under both "
-                    f"({_first_three(named)})")
-
-
-def _first_three(names: Sequence[str]) -> str:
-    """The first three of many."""
-    return ", ".join(names[:3]) + (f" and {len(names) - 3} more" if len(names) > 3 else "")
+                    f"({first_of(named, 3)})")
 
 
 def _summary_entry(task: StepTask, line: Mapping[str, Any] | None) -> Entry:
@@ -119,8 +109,8 @@ def _summary_entry(task: StepTask, line: Mapping[str, Any] | None) -> Entry:
     return Entry(
         task.path, task.machine, task.step.kind, recording.start if recording else None,
         recording.order if recording else 0, task.step.name, None if result is None else StepResult(**result),
-        problem,
-        line["seconds"] if line else None, line["peak_memory_mb"] if line else None)
+        problem, line["seconds"] if line else None, line["peak_memory_mb"] if line else None,
+        task.output if line and line["sha256"] is not None else None)
 
 
 def _entries_in_order(options: RunOptions, machines: Sequence[Machine], without_machine: Sequence[Recording],

@@ -8,6 +8,7 @@ import numpy as np
 
 from drivetool.drive import Drive
 from drivetool.errors import BadOption, BadParameters, Finding, nearest
+from drivetool.identify.estimate import Covariance
 from drivetool.progress import counted
 from drivetool.tune import remarks
 from drivetool.tune.gains import Design, Gains, TuneOptions
@@ -66,7 +67,7 @@ def tune(drive: Drive, options: TuneOptions, draw_pictures: bool = False) -> Gai
     if options.confidence is not None and draws is None:
         raise BadParameters("standard deviations or a covariance for a design with --confidence",
                             "none in the parameter file", "Use a file that an estimator wrote, or leave it out.")
-    designs = tuple(_tune_configuration(drive, wiring, options, draws)
+    designs = tuple(_tune_configuration(drive, wiring, options, covariance, draws)
                     for wiring in counted("designs", chosen, len(chosen)))
     findings = (*notes, *remarks.loop_findings(drive, options),
                 *remarks.spread_findings(drive, options, covariance, draws),
@@ -97,23 +98,20 @@ def wirings_to_tune(drive: Drive, options: TuneOptions) -> tuple[tuple[Wiring, .
     return found, notes
 
 
-def _tune_configuration(drive: Drive, wiring: Wiring, options: TuneOptions, draws: Draws | None) -> Design:
+def _tune_configuration(drive: Drive, wiring: Wiring, options: TuneOptions, covariance: Covariance | None,
+                        draws: Draws | None) -> Design:
     """The optimum of one configuration with all its figures."""
     loop = build(drive, wiring)
     nominal = tuning_problem(loop, options.criterion, options.limits)
     check_gain_is_limited(nominal)
-    if options.confidence is None or draws is None:
-        found = optimum(nominal)
-    else:
-        found = robust_optimum(nominal, draws, options.confidence)
+    robust = options.confidence is not None
+    found = robust_optimum(nominal, draws, options.confidence) if robust else optimum(nominal)
     if found is None:
         raise _infeasible_error(nominal, options, draws)
     settings = found.settings
-    fresh_share = None
-    if options.confidence is not None and draws is not None:
-        covariance = joint_covariance(drive, options.known, options.stds)
-        fresh_share = share_within_limit(
-            draw_drives(drive, covariance, options.draws, options.seed + FRESH_DRAWS_SEED), nominal, settings)
+    fresh_share = share_within_limit(
+        draw_drives(drive, covariance, options.draws, options.seed + FRESH_DRAWS_SEED), nominal,
+        settings) if robust else None
     return Design(
         wiring, settings, found.value, _active_limit(nominal, found, options), factors(loop, settings),
         margins(nominal.plant, settings), variation_study(drive, wiring, settings),

@@ -8,9 +8,9 @@ from dataclasses import dataclass, field
 from drivetool.drive import Drive
 from drivetool.errors import Finding
 from drivetool.identify.estimate import Covariance
-from drivetool.tune.optimisation import Criterion, Factors, FigureSpread, TuneLimits, Variation
+from drivetool.tune.optimisation import Criterion, Factors, FigureSpread, TuneLimits, Variation, criterion
 from drivetool.tune.simulation import DisturbanceResponse
-from drivetool.tune.speed_loop import Configuration, DeadTimeForm, Margins, Settings, Wiring
+from drivetool.tune.speed_loop import Configuration, DeadTimeForm, MarginsSection, Settings, Wiring
 
 
 @dataclass(frozen=True)
@@ -38,7 +38,7 @@ class TuneOptions:
     ratings          None: no per-unit figures
     """
 
-    criterion: Criterion = field(default_factory=Criterion)
+    criterion: Criterion = field(default_factory=lambda: criterion("IAE"))
     limits: TuneLimits = field(default_factory=TuneLimits)
     configurations: tuple[Configuration, ...] | None = None
     motors: tuple[str, ...] | None = None
@@ -72,7 +72,7 @@ class Design:
     value: float
     active: str
     factors: Factors
-    margins: Margins
+    margins: MarginsSection
     variations: tuple[Variation, ...]
     spread: FigureSpread | None = None
     kept: float | None = None

@@ -10,6 +10,7 @@ import numpy as np
 from drivetool.quantity import name_of
 from drivetool.tune.gains import Design, Gains
 from drivetool.tune.optimisation import Draws, FigureSpread, criterion_values, impact_drops, signals
+from drivetool.tune.remarks import gain_unit
 from drivetool.tune.simulation import DisturbanceResponse
 from drivetool.tune.speed_loop import Loop, Plant, build, plant, with_fine_peaks
 
@@ -130,7 +131,7 @@ def planes(gains: Gains, design: Design, loop: Loop, own_plant: Plant, prefix: s
     cost = criterion_values(loop, options.criterion, kp, ti, second).reshape(shape)
     ms = np.where(np.isfinite(cost), ms, np.inf)
     drops = impact_drops(loop, ["motor_speed", "load_speed"], kp, ti, second).reshape(*shape, 2)
-    unit = f"{gains.drive.torque_unit} s/{gains.drive.motion_unit}"
+    unit = gain_unit(gains.drive)
     at, limit = (best.integral_time, best.gain), options.limits.sensitivity
     drop_unit = f"[{gains.drive.motion_unit}/{gains.drive.torque_unit}]"
     return [
@@ -190,7 +191,7 @@ def _load_speed_band(draws: Draws, design: Design, time: np.ndarray, scale: floa
 def frequencies(kind: str, tag: str, title: str, gains: Gains, design: Design) -> Frequencies:
     """The loop gain, nominal and varied."""
     return Frequencies(f"{tag}{kind}", title, {
-        each.label: loop_curve(plant(each.drive, design.wiring), design) for each in design.variations},
+        each.change: loop_curve(plant(each.drive, design.wiring), design) for each in design.variations},
         gains.options.limits.sensitivity)
 
 

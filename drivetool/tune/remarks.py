@@ -131,7 +131,10 @@ def design_findings(drive: Drive, design: Design, options: TuneOptions) -> list[
             {"kept": design.kept}, "Raise --draws."))
     found += limit_cycle_findings(drive, design, prefix)
     if design.wiring.configuration == "mimo" and not design.watches and design.safe_gain is not None:
-        found.append(_mimo_gap_finding(prefix))
+        found.append(Finding(
+            "note", "shaft-feedback-not-evaluated",
+            f"{prefix}The shaft-torque feedback was not simulated across the gap.", {},
+            "Check the design with a reduced shaft stiffness (describing function), and on the machine."))
     return found
 
 
@@ -144,16 +147,16 @@ def limit_cycle_findings(drive: Drive, design: Design, prefix: str) -> list[Find
         advice = (f"At Kp up to {design.safe_gain:.4g} {gain_unit(drive)} the loop is stable for every effective "
                   "stiffness of the gap: reduce Kp, or eliminate the backlash.")
     for watch in design.watches:
-        cycle = watch.cycle
-        if cycle.hunts:
+        if watch.hunts:
             found.append(Finding(
                 "warning", "limit-cycle",
-                f"{prefix}The backlash causes a limit cycle ({cycle.situation}): the motor speed oscillates by "
-                f"+-{cycle.amplitude:.3g} {speed} at {cycle.frequency:.3g} Hz, the torque by "
-                f"+-{cycle.torque_swing:.3g} {drive.torque_unit}. It starts after an impact that changes the "
-                f"load speed by {cycle.kick:.2g} {speed}.",
-                {"amplitude": cycle.amplitude, "frequency_hz": cycle.frequency, "load_amplitude": cycle.load_swing,
-                 "torque_amplitude": cycle.torque_swing, "kick": cycle.kick,
+                f"{prefix}The backlash causes a limit cycle ({watch.situation}): the motor speed oscillates by "
+                f"+-{watch.amplitude:.3g} {speed} at {watch.frequency_hz:.3g} Hz, the torque by "
+                f"+-{watch.torque_amplitude:.3g} {drive.torque_unit}. It starts after an impact that changes the "
+                f"load speed by {watch.kick:.2g} {speed}.",
+                {"amplitude": watch.amplitude, "frequency_hz": watch.frequency_hz,
+                 "load_amplitude": watch.load_amplitude, "torque_amplitude": watch.torque_amplitude,
+                 "kick": watch.kick,
                  "gain_without_cycle": design.safe_gain or 0.0}, advice))
     if design.safe_gain is not None and not found:
         found.append(Finding(
@@ -161,9 +164,3 @@ def limit_cycle_findings(drive: Drive, design: Design, prefix: str) -> list[Find
             f"{prefix}The describing function of the gap allows a limit cycle; no simulated impact excites one.",
              {"gain_without_cycle": design.safe_gain}, advice))
     return found
-
-
-def _mimo_gap_finding(prefix: str) -> Finding:
-    return Finding("note", "shaft-feedback-not-evaluated",
-                   f"{prefix}The shaft-torque feedback was not simulated across the gap.", {},
-                   "Check the design with a reduced shaft stiffness (describing function), and on the machine.")

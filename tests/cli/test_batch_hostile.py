@@ -3,7 +3,6 @@
 import json
 import os
 import shutil
-from dataclasses import replace
 from pathlib import Path
 
 import pytest
@@ -24,7 +23,7 @@ from drivetool.site.plan import (
     steps_of,
 )
 from drivetool.site.plan.recipe import RecipeStep
-from drivetool.site.plan.tasks import Output, TaskBuilder
+from drivetool.site.plan.tasks import TaskBuilder
 from drivetool.site.pool.worker import run_task
 from drivetool.site.results import MANIFEST_FILE, Manifest, open_manifest, read_manifest
 from drivetool.site.site_run import run_site
@@ -184,16 +183,17 @@ def test_the_order_of_parameter_files_by_hand_is_an_input(here):
 
 
 def test_a_recording_that_judges_with_another_map_is_no_judge():
-    step = RecipeStep("diagnose", "recording", "diagnose", (), ("steady",), False, "next", {})
-    steady = replace(step, name="steady", command="steady", params=(), judge=None)
+    step = RecipeStep(name="diagnose", command="diagnose", params=("steady",), judge="next", words=(), options={})
+    steady = step.replace(name="steady", command="steady", params=(), judge=None)
     first, second = recording("a", order=1, map_sha256="m1"), recording("b", order=2, map_sha256="m2")
-    maker = TaskBuilder("out", {"steady": steady}, {}, {("steady", "m", "a"): Output("file", "")})
+    maker = TaskBuilder("out", {"steady": steady}, {}, {
+        ("steady", "m", "a"): {"output": "a/steady.yaml", "sha256": "file", "content": ""}})
     assert "wanted one channel map for diagnose of a; found 2" in maker.tasks(
         step, Machine("m", (first, second)))[0].problem
 
 
 def test_ten_times_the_machines_cost_ten_times_the_looks_at_what_can_begin(tmp_path, monkeypatch):
-    steps = tuple(RecipeStep(name, "recording", "steady", (), params, False, None, {})
+    steps = tuple(RecipeStep(name=name, command="steady", params=params, words=(), options={})
                   for name, params in (("a", ()), ("b", ("a",)), ("c", ("a", "b"))))
     calls = []
     can_begin = schedule.Schedule._can_begin

@@ -9,12 +9,12 @@ import yaml
 from drivetool.files.shapes import BarSection, RecordingsSection
 from drivetool.site.plan import Machine, Recording
 from drivetool.site.plan.recipe import RecipeStep
-from drivetool.site.plan.tasks import Output, TaskBuilder, find_newest_output, holdout_recording
+from drivetool.site.plan.tasks import TaskBuilder, find_newest_output, holdout_recording
 from drivetool.site.results import Entry, StepResult
 from drivetool.site.verdicts import evaluate_bars
 from tests import sites
 
-STEADY = RecipeStep("steady", "a", "steady", (), (), False, None, {})
+STEADY = RecipeStep(name="steady", kind="a", command="steady", words=(), options={})
 
 
 def machine(*kinds):
@@ -26,13 +26,13 @@ def machine(*kinds):
 
 def test_a_recording_takes_the_newest_file_before_it_else_the_first_after():
     press = machine("a", "b", "a", "b", "a")
-    have = {("steady", "press", f"{i}.parquet"): Output(f"file{i}", "") for i in (3, 5)}
-    assert [find_newest_output(have, STEADY, press, order)[0].sha256 for order in range(1, 6)] == [
+    have = {("steady", "press", f"{i}.parquet"): {"sha256": f"file{i}"} for i in (3, 5)}
+    assert [find_newest_output(have, STEADY, press, order)["sha256"] for order in range(1, 6)] == [
         "file3", "file3", "file3", "file3", "file5"]
     assert find_newest_output({}, STEADY, press, 1) is None
-    joint = replace(STEADY, joint=True)
-    have = {("steady", "press", ""): Output("all", "")}
-    assert find_newest_output(have, joint, press, 1)[1] == "press/steady.yaml"
+    joint = STEADY.replace(joint=True)
+    have = {("steady", "press", ""): {"sha256": "all"}}
+    assert find_newest_output(have, joint, press, 1)["sha256"] == "all"
 
 
 def test_which_recording_judges_another():
@@ -57,15 +57,16 @@ def test_which_recording_judges_another():
     ("diagnose", ["diagnose", "--segment", "1", "--params", "out/1/steady.yaml", "--holdout", "3.parquet",
                   "--", "1.parquet"])])
 def test_the_words_of_a_step_that_another_recording_judges(command, words):
-    step = RecipeStep("judged", "a", command, ("--segment", "1"), ("steady",), False, "next", {})
-    have = {("steady", "m", "1.parquet"): Output("file", "made of")}
+    step = RecipeStep(name="judged", kind="a", command=command, words=("--segment", "1"), params=("steady",),
+                      judge="next", options={})
+    have = {("steady", "m", "1.parquet"): {"output": "1/steady.yaml", "sha256": "file", "content": "made of"}}
     maker = TaskBuilder("out", {"steady": STEADY}, {}, have)
     press = replace(machine("a", "b", "a"), name="m")
     task = maker.tasks(step, press)[0]
     assert task.words == words and task.output == "1/judged.yaml"
     assert task.inputs["recordings"] == (["sha3"] if command == "validate" else ["sha1", "sha3"])
     assert (task.inputs["params"], task.origins) == ([["steady.yaml", "file"]], ["made of"])
-    joint = maker.tasks(replace(step, joint=True, judge=None), press)
+    joint = maker.tasks(step.replace(joint=True, judge=None), press)
     assert [t.words[-3:] for t in joint] == [["--", "1.parquet", "3.parquet"]]
 
 

@@ -62,9 +62,9 @@ def test_the_figures_of_a_channel(tmp_path):
     n = by_name["n"]
     assert (n.unit, n.role, n.samples, n.missing, n.lost) == ("rpm", None, SAMPLE_COUNT - 51, 3, 1)
     assert n.rate == pytest.approx(1000.0, rel=1e-6) and n.duration == pytest.approx(1.999)
-    assert (n.least, n.most) == (np.nanmin(speed), np.nanmax(speed))
-    assert n.gaps == ((pytest.approx(0.599), pytest.approx(0.65)),)
-    assert n.quantum == pytest.approx(0.05) and list(n.spikes) == [300, 750, 1449] and n.held == 1
+    assert n.range == (np.nanmin(speed), np.nanmax(speed))
+    assert n.gap_times == ((pytest.approx(0.599), pytest.approx(0.65)),)
+    assert n.quantum == pytest.approx(0.05) and list(n.spike_places) == [300, 750, 1449] and n.held == 1
     assert by_name["motor_torque"].role == "motor_torque"
     assert by_name["motor_torque"].quantum == pytest.approx(0.01)
     assert {"log-damaged", "recording-interrupted", "samples-missing"} <= {f.code for f in found.findings}
@@ -77,7 +77,7 @@ def test_spikes_are_where_they_were_logged_although_stamps_repeat(tmp_path):
     speed[1400] = 9.0
     pq.write_table(pa.table({"time": time, "n": speed}), tmp_path / "a.parquet")
     found = inspect_log(tmp_path / "a.parquet")
-    assert list(found.channels[0].spikes) == [1400]
+    assert list(found.channels[0].spike_places) == [1400]
     times, values = channel_plot(found).curves["spikes n [?]"]
     assert (list(times), list(values)) == ([time[1400]], [9.0])
 

@@ -22,10 +22,10 @@ def test_only_pictures_are_not_escaped():
 
 def test_what_names_contain_is_text():
     case = Case("<script>&\"'", "", "x runs", False, "<b>no</b> +- 1")
-    page = index_page([], [case], {})
+    page = index_page([], [case])
     assert "<b>" not in page and "&lt;b&gt;no&lt;/b&gt; +- 1" in page and "1 of 1 checks failed" in page
 
 
 def test_a_page_is_for_light_dark_and_paper():
-    page = index_page([], [], {})
+    page = index_page([], [])
     assert "color-scheme: light dark" in page and "prefers-color-scheme: dark" in page and "@media print" in page

@@ -152,7 +152,7 @@ def test_two_files_stand_side_by_side():
     entries["motor.viscous"] = shapes.ParameterSection(value=0.1, unit="Nm s/rad")
     entries["shaft.stiffness"] = shapes.ParameterSection(value=3310.0)
     del entries["load.inertia"]
-    second = shapes.msgspec.structs.replace(first, parameters=entries, data=[
+    second = first.replace(parameters=entries, data=[
         shapes.FileSection(file="b.parquet", sha256="cd" * 32)])
 
     def rows(*files):
@@ -169,9 +169,9 @@ def test_two_files_stand_side_by_side():
     assert "greybox" in text and "backlash" in text and "share" not in text
     found, text = rows(first, first)
     assert found["motor.inertia"][-1] == "-" and "the files share a recording" in text
-    chained = shapes.msgspec.structs.replace(second, inputs=[shapes.FileSection(file="a", sha256="12" * 32)])
+    chained = second.replace(inputs=[shapes.FileSection(file="a", sha256="12" * 32)])
     found, text = rows(first, chained)
     assert found["motor.inertia"][-1] == "-" and "or a parameter file" in text
     entries["motor.inertia"] = shapes.ParameterSection(value=1.0, unit="Nm")
     with pytest.raises(BadParameters, match=r"motor\.inertia in kg m"):
-        rows(first, shapes.msgspec.structs.replace(second, parameters=entries))
+        rows(first, second.replace(parameters=entries))

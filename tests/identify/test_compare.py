@@ -97,8 +97,8 @@ def test_on_the_axis_with_gap_and_friction_it_is_as_published():
 def test_the_reference_makes_the_indirect_estimate_in_closed_loop():
     s = spectra([record("robot", "chirp_linear")], SpectraOptions(length=1.0))
     assert s.mean.method == "indirect" and s.feedback.significant
-    anti_resonance = min((p for p in s.peaks if p["kind"] == "anti-resonance"), key=lambda p: p["hz"])
-    assert anti_resonance["hz"] == pytest.approx(93.1 / 2 / np.pi, abs=1.0)
+    anti_resonance = min((p for p in s.peaks if p.kind == "anti-resonance"), key=lambda p: p.hz)
+    assert anti_resonance.hz == pytest.approx(93.1 / 2 / np.pi, abs=1.0)
     alone = record("robot", "chirp_linear")
     alone = replace(alone, signals={k: v for k, v in alone.signals.items() if k != "reference_speed"})
     codes = {f.code for f in spectra([alone], SpectraOptions(length=1.0, method="welch")).findings}

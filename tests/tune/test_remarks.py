@@ -9,7 +9,7 @@ from drivetool.identify.estimate import Covariance
 from drivetool.tune.gains import Design, TuneOptions
 from drivetool.tune.optimisation.scenarios import FigureSpread, draw_drives, joint_covariance
 from drivetool.tune.remarks import design_findings, spread_findings
-from drivetool.tune.simulation.limit_cycle import Cycle, DisturbanceResponse
+from drivetool.tune.simulation.limit_cycle import DisturbanceResponse
 from drivetool.tune.speed_loop.loop import Settings, Wiring
 from tests.tallfors import two_mass_plant
 
@@ -37,7 +37,7 @@ def test_what_the_spread_leaves_out():
     assert uncertainty_codes(all_parameters, LOOP_STDS) == []
 
 
-SPREAD = FigureSpread(20, 0, 0, tuple(LOOP_STDS), 0.0, {"max_sensitivity": {"0.95": 2.01}}, {})
+SPREAD = FigureSpread(20, 0, 0, list(LOOP_STDS), 0.0, {"max_sensitivity": {"0.95": 2.01}}, {})
 DESIGN = Design(Wiring(), Settings(2000.0, 0.05), 1.0, "sensitivity", None, None, (), SPREAD)
 
 
@@ -52,14 +52,14 @@ def test_a_design_whose_spread_stays_near_its_limit_needs_no_word():
 def test_a_limit_that_the_uncertainty_exceeds():
     """Five per cent of the draws reach 2.5 where 2 is the limit; a robust design is tested with fresh draws
     instead."""
-    wide = replace(SPREAD, quantiles={"max_sensitivity": {"0.95": 2.5}}, above_limit=0.3)
+    wide = SPREAD.replace(quantiles={"max_sensitivity": {"0.95": 2.5}}, above_limit=0.3)
     assert design_codes(replace(DESIGN, spread=wide)) == ["limit-uncertain"]
     assert design_codes(replace(DESIGN, spread=wide, kept=0.94), confidence=0.95) == []
     assert design_codes(replace(DESIGN, spread=wide, kept=0.8), confidence=0.95) == ["limit-uncertain"]
 
 
 def test_draws_that_are_unstable():
-    assert design_codes(replace(DESIGN, spread=replace(SPREAD, unstable=3))) == ["unstable-draws"]
+    assert design_codes(replace(DESIGN, spread=SPREAD.replace(unstable=3))) == ["unstable-draws"]
 
 
 @pytest.mark.parametrize(("configuration", "has_cycle", "expected_codes"), [
@@ -67,7 +67,8 @@ def test_draws_that_are_unstable():
     ("mimo", None, ["limit-cycle", "shaft-feedback-not-evaluated"])])
 def test_a_gap_that_would_make_the_loop_unstable(configuration, has_cycle, expected_codes):
     """Above the gain that is stable at each stiffness; a loop with shaft-torque feedback is not simulated."""
-    watches = () if has_cycle is None else (DisturbanceResponse(Cycle("moving", has_cycle), *[NO_SAMPLES] * 5),)
+    watches = () if has_cycle is None else (
+        DisturbanceResponse("moving", has_cycle, 0.0, 0.0, 0.0, 0.0, 0.0, *[NO_SAMPLES] * 5),)
     found = replace(DESIGN, wiring=Wiring(configuration), safe_gain=100.0, watches=watches)
     assert design_codes(found) == expected_codes
     assert design_codes(replace(found, safe_gain=None)) == (["limit-cycle"] if has_cycle else [])

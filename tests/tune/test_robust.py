@@ -88,7 +88,7 @@ def test_published_study():
     for name, gain, ti in (("light", 1809, 0.02139), ("medium", 2669, 0.04478), ("heavy", 2606, 0.0559)):
         drive = two_mass_plant(name)
         found = variation_study(drive, Wiring(dead_time="zero"), Settings(gain, ti))
-        ms = {each.label: each.max_sensitivity for each in found}
+        ms = {each.change: each.max_sensitivity for each in found}
         nominal = ms.pop("nominal")
         for label, value in ms.items():
             assert (value / nominal - 1.0 > 0.1) == ("doubled" in label or "80 %" in label), label
@@ -168,7 +168,7 @@ def test_hunting_is_found_where_the_describing_function_puts_it():
             border_frequency = abs(poles[np.argmax(poles.real)].imag) / (2 * np.pi)
             break
     (found,) = disturbance_responses(loop, CYCLING_AT)
-    assert found.cycle.hunts and found.cycle.frequency == pytest.approx(border_frequency, rel=0.03)
+    assert found.hunts and found.frequency_hz == pytest.approx(border_frequency, rel=0.03)
 
 
 @pytest.mark.slow
@@ -182,13 +182,13 @@ def test_a_limit_cycle_against_the_independent_simulator():
                         half_gap=(0.002,), converter_bandwidth=433.0, dead_time=0.0064 - h / 2)
     n = 6000
     pi = controllers.SpeedPI(np.zeros(n), CYCLING_AT.gain, CYCLING_AT.gain / CYCLING_AT.integral_time, h)
-    start = machine.State((0.0, unfiltered.cycle.kick), (0.0,), 0.0, 0.0, 0.0)
+    start = machine.State((0.0, unfiltered.kick), (0.0,), 0.0, 0.0, 0.0)
     speed = simulate(m, np.zeros(n), h, start, pi, rtol=1e-7, atol=1e-10).speeds[n // 2:, 0]
     upward_crossings = np.flatnonzero((speed[:-1] < 0) & (speed[1:] >= 0))
-    assert unfiltered.cycle.hunts and found.cycle.hunts
-    assert np.ptp(speed) / 2 == pytest.approx(unfiltered.cycle.amplitude, rel=0.03)
+    assert unfiltered.hunts and found.hunts
+    assert np.ptp(speed) / 2 == pytest.approx(unfiltered.amplitude, rel=0.03)
     assert (len(upward_crossings) - 1) / ((upward_crossings[-1] - upward_crossings[0]) * h) == pytest.approx(
-        unfiltered.cycle.frequency, rel=0.01)
+        unfiltered.frequency_hz, rel=0.01)
 
 
 @pytest.mark.slow
@@ -198,8 +198,8 @@ def test_below_the_safe_gain_there_is_no_limit_cycle():
     assert 0.0 < safe < CYCLING_AT.gain
     at = Settings(0.95 * safe, CYCLING_AT.integral_time * CYCLING_AT.gain / safe)
     if safe_gain(loop, at) is None:
-        assert not any(each.cycle.hunts for each in disturbance_responses(loop, at))
-    assert not any(each.cycle.hunts
+        assert not any(each.hunts for each in disturbance_responses(loop, at))
+    assert not any(each.hunts
                    for each in disturbance_responses(build(HEAVY.with_values({"shaft.half_gap": 0.01}), Wiring()),
                                               Settings(1968.0, 0.0554)))
 

@@ -89,7 +89,7 @@ def test_margins_with_a_filter_of_the_sensor_by_control(name):
     gain, phase = control.margin(loop)[:2]
     found = margins(plant(RIGID.with_values(values), Wiring(speed_filter=controller_filter)), at)
     assert found.gain_margin == pytest.approx(gain, rel=1e-4)
-    assert found.phase_margin == pytest.approx(phase, rel=1e-3)
+    assert found.phase_margin_deg == pytest.approx(phase, rel=1e-3)
     w = np.geomspace(0.1, 2e3, 200001)
     assert found.max_sensitivity == pytest.approx((1 / np.abs(1 + loop(1j * w))).max(), rel=1e-5)
 

@@ -198,10 +198,10 @@ def limit_cycle(plot: LimitCyclePlotData) -> list[Panel]:
 
 def _watch(plot: LimitCyclePlotData, watch, first: bool) -> list[Panel]:
     """The panels of one situation; the first has the labels."""
-    cycle, time = watch.cycle, watch.time
+    time = watch.time
     centre = watch.motor_speed[-len(watch.motor_speed) // 4:].mean()
-    caption = (f"limit cycle: +-{cycle.amplitude:.3g} {plot.speed_unit} at {cycle.frequency:.3g} Hz"
-               if cycle.hunts else "no limit cycle")
+    caption = (f"limit cycle: +-{watch.amplitude:.3g} {plot.speed_unit} at {watch.frequency_hz:.3g} Hz"
+               if watch.hunts else "no limit cycle")
     speeds = [mark("plot", time, speed - centre, color=colour, label=name if first else None)
               for name, speed, colour in (("load", watch.load_speed, ORANGE), ("motor", watch.motor_speed, BLUE))]
     gap = [mark("axhline", side * plot.half_gap, color=GREY, linestyle="--", linewidth=0.9)
@@ -212,7 +212,7 @@ def _watch(plot: LimitCyclePlotData, watch, first: bool) -> list[Panel]:
             [mark("plot", time, 1e3 * watch.twist, color=GREEN), *gap])
     return [Panel(marks, {"xlim": (0.0, time[-1]), "xlabel": "time after the kick [s]",
                           **({"ylabel": label.replace(" [", "\n[")} if first else {})},
-                  height, "" if k else f"{cycle.situation}\n{caption}", shared=k > 0)
+                  height, "" if k else f"{watch.situation}\n{caption}", shared=k > 0)
             for k, (marks, label, height) in enumerate(zip(rows, labels, (2.3, 1.4, 1.4), strict=True))]
 
 

@@ -3,23 +3,23 @@
 from __future__ import annotations
 
 import hashlib
-from collections.abc import Sequence
-from dataclasses import asdict
 from pathlib import Path
 from typing import BinaryIO
 
-import numpy as np
-
 from drivetool.drive import Drive
 from drivetool.errors import BadOption
-from drivetool.files.results.result_file import drive_section, file_sections, finding_sections, tool_section
+from drivetool.files.results.result_file import (
+    Inputs,
+    drive_section,
+    file_sections,
+    finding_sections,
+    tool_section,
+)
 from drivetool.files.shapes import gains_shapes as shapes
-from drivetool.files.yaml import checked, from_yaml, read_bytes, to_plain
-from drivetool.tune import Design, Gains, Ratings
+from drivetool.files.yaml import checked, from_yaml, read_bytes, to_plain, written
+from drivetool.tune import Design, Gains, Ratings, gain_unit
 from drivetool.tune.optimisation import SpeedFactors
 from drivetool.tune.speed_loop import SHAFT_TORQUE_SHARE, Settings, Wiring
-
-Inputs = Sequence[tuple[str, str]]
 
 
 def gains_file(gains: Gains, inputs: Inputs = (), options: dict[str, object] | None = None) -> shapes.GainsFile:
@@ -35,9 +35,9 @@ def gains_file(gains: Gains, inputs: Inputs = (), options: dict[str, object] | N
     return shapes.GainsFile(
         schema=shapes.GAINS_SCHEMA, tool=tool_section(), step="tune", outcome=gains.outcome,
         drive=drive_section(drive),
-        criterion=shapes.CriterionSection(name=used.criterion.name, weights=dict(used.criterion.weights)),
+        criterion=written(used.criterion, shapes.CriterionSection),
         constraint=shapes.ConstraintSection(
-            max_sensitivity=float(used.limits.sensitivity), max_gain=_finite(used.limits.gain),
+            max_sensitivity=float(used.limits.sensitivity), max_gain=to_plain(used.limits.gain),
             confidence=used.confidence),
         best=gains.best.wiring.configuration,
         designs=[_design_section(drive, design, gains) for design in gains.designs],
@@ -73,18 +73,17 @@ def controller_of(file: shapes.GainsFile, name: str, configuration: str | None =
 def _design_section(drive: Drive, design: Design, gains: Gains) -> shapes.DesignSection:
     """One design in SI and per unit."""
     base, settings, kind = gains.options.ratings, design.settings, design.wiring.configuration
-    unit = f"{drive.torque_unit} s/{drive.motion_unit}"
 
     def kp(value: float) -> shapes.Figure:
         per_unit = value * base.speed / base.torque if base else None
-        return shapes.Figure(value=value, unit=unit, per_unit=per_unit, per_unit_unit="p.u." if base else "")
+        return shapes.Figure(value=value, unit=gain_unit(drive), per_unit=per_unit,
+                             per_unit_unit="p.u." if base else "")
 
     section = shapes.GainsSection(
         kp=kp(settings.gain), ti=_seconds(settings.integral_time),
         kp2=kp(settings.second * settings.gain) if kind == "miso" else None,
         ti2=_seconds(settings.second * settings.integral_time) if kind == "miso" else None,
         k3=shapes.Figure(value=SHAFT_TORQUE_SHARE, unit="") if kind == "mimo" else None)
-    margins = design.margins
     return shapes.DesignSection(
         configuration=kind, motors=list(design.wiring.motors), speed_filter=_seconds(design.wiring.speed_filter),
         dead_time_form=design.wiring.dead_time, gains=section,
@@ -94,71 +93,43 @@ def _design_section(drive: Drive, design: Design, gains: Gains) -> shapes.Design
             load_speed=_speed_section(drive, design.factors.load, base),
             motor_speed=_speed_section(drive, design.factors.motor, base),
             torque_overshoot_percent={k: float(v) for k, v in design.factors.torque_overshoot.items()}),
-        margins=shapes.MarginsSection(
-            max_sensitivity=margins.max_sensitivity,
-            sensitivity_frequency_hz=margins.sensitivity_frequency / (2.0 * np.pi),
-            gain_margin=_finite(margins.gain_margin), gain_reduction_margin=_finite(margins.gain_reduction_margin),
-            phase_margin_deg=_finite(margins.phase_margin), crossover_hz=_finite(margins.crossover / (2.0 * np.pi)),
-            delay_margin_s=_finite(margins.delay_margin)),
-        variations=[shapes.VariationSection(
-            change=v.label, max_sensitivity=_finite(v.max_sensitivity), impact_drop=_finite(v.impact_drop),
-            overshoot_percent=_finite(v.overshoot)) for v in design.variations],
-        spread=_spread_section(design), kept=design.kept,
-        hunting=[_cycle_section(asdict(watch.cycle)) for watch in design.watches],
+        margins=written(design.margins, shapes.MarginsSection),
+        variations=[written(each, shapes.VariationSection) for each in design.variations],
+        spread=design.spread and written(design.spread, shapes.SpreadSection), kept=design.kept,
+        hunting=[written(watch, shapes.HuntingSection) for watch in design.watches],
         gain_without_cycle=design.safe_gain)
 
 
 def _speed_section(drive: Drive, speed: SpeedFactors, base: Ratings | None) -> shapes.SpeedSection:
-    """Figures of a unit step; per unit for a step of the rated torque, in % of the rated speed."""
+    """Figures of a unit step."""
     q, t = drive.motion_unit, drive.torque_unit
-    scale = 100.0 * base.torque / base.speed if base else None
-
-    def figure(value: float, unit: str, per_unit: str, power: int = 1) -> shapes.Figure:
-        return shapes.Figure(value=value, unit=unit, per_unit=value * scale**power if scale else None,
-                             per_unit_unit=per_unit if scale else "")
-
-    drop = f"{q}/{t}"
+    drop, ie, iae = (_of_load_step(value, f"{q}/{t}", "% s", base)
+                     for value in (speed.impact_drop, speed.ie, speed.iae))
     return shapes.SpeedSection(
-        peak=figure(speed.peak, f"({q}/s)/{t}", "%"), impact_drop=figure(speed.impact_drop, drop, "% s"),
+        peak=_of_load_step(speed.peak, f"({q}/s)/{t}", "%", base), impact_drop=drop,
         overshoot_percent=speed.overshoot, settling_time=_seconds(speed.settling_time),
-        ie=figure(speed.ie, drop, "% s"), ise=figure(speed.ise, f"({q}/s)^2 s/{t}^2", "%^2 s", 2),
-        iae=figure(speed.iae, drop, "% s"))
+        ie=ie, ise=_of_load_step(speed.ise, f"({q}/s)^2 s/{t}^2", "%^2 s", base, 2), iae=iae)
 
 
 def _criterion_value(drive: Drive, design: Design, gains: Gains) -> shapes.Figure:
     """The criterion's value; its unit where it is of the load speed alone."""
     wanted, base = gains.options.criterion, gains.options.ratings
-    if dict(wanted.weights) != {"load_speed": 1.0}:
+    if wanted.weights != {"load_speed": 1.0}:
         return shapes.Figure(value=design.value, unit="weighted")
-    q, t = drive.motion_unit, drive.torque_unit
-    power = wanted.power
-    scale = 100.0 * base.torque / base.speed if base else None
+    q, t, power = drive.motion_unit, drive.torque_unit, wanted.power
     if power is None:
-        return shapes.Figure(value=design.value, unit=f"{q}/{t}", per_unit=scale and design.value * scale,
-                             per_unit_unit="% s" if scale else "")
+        return _of_load_step(design.value, f"{q}/{t}", "% s", base)
     time = f"s^{power + 1}" if power else "s"
-    return shapes.Figure(value=design.value, unit=f"({q}/s)^2 {time}/{t}^2",
-                         per_unit=scale and design.value * scale**2, per_unit_unit=f"%^2 {time}" if scale else "")
+    return _of_load_step(design.value, f"({q}/s)^2 {time}/{t}^2", f"%^2 {time}", base, 2)
 
 
-def _spread_section(design: Design) -> shapes.SpreadSection | None:
-    spread = design.spread
-    return spread and shapes.SpreadSection(
-        draws=spread.draws, unphysical=spread.unphysical, unstable=spread.unstable,
-        parameters=list(spread.parameters), above_limit=spread.above_limit,
-        quantiles={name: {level: _finite(v) for level, v in levels.items()}
-                   for name, levels in spread.quantiles.items()})
-
-
-def _cycle_section(cycle: dict[str, object]) -> shapes.HuntingSection:
-    names = {"frequency": "frequency_hz", "load_swing": "load_amplitude", "torque_swing": "torque_amplitude"}
-    return shapes.HuntingSection(**{names.get(key, key): value for key, value in cycle.items()})
+def _of_load_step(value: float, unit: str, per_unit: str, base: Ratings | None, power: int = 1) -> shapes.Figure:
+    """A figure of a unit step; per unit for a step of the rated torque, in % of the rated speed."""
+    if base is None:
+        return shapes.Figure(value=value, unit=unit)
+    scale = 100.0 * base.torque / base.speed
+    return shapes.Figure(value=value, unit=unit, per_unit=value * scale**power, per_unit_unit=per_unit)
 
 
 def _seconds(value: float) -> shapes.Figure:
     return shapes.Figure(value=float(value), unit="s")
-
-
-def _finite(value: float | None) -> float | None:
-    """None for what is infinite or no number."""
-    return float(value) if value is not None and np.isfinite(value) else None

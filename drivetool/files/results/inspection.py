@@ -17,7 +17,7 @@ from drivetool.files.shapes import (
 from drivetool.identify.estimate import PlotData
 from drivetool.logs import Source, start_date
 from drivetool.logs.clocks import MAX_ABS_TIME
-from drivetool.logs.door import ChannelReport, Inspection
+from drivetool.logs.door import Inspection
 
 # A choice: at about one inch a panel, more of them are taller than a screen or a page.
 MAX_PANELS = 12
@@ -39,25 +39,17 @@ def inspection_file(found: Inspection, findings: list[FindingSection]) -> Inspec
     recording = found.recording
     return InspectionFile(
         schema=INSPECTION_SCHEMA, origin=recording.origin,
-        channels=[_channel_section(each) for each in found.channels],
+        channels=[ChannelSection(*(getattr(each, name) for name in ChannelSection.__struct_fields__))
+                  for each in found.channels],
         unreadable=dict(recording.unreadable), experiment=section, findings=findings,
         data=file_sections([experiment.source if experiment else
                             Source(recording.name, recording.sha256, start_date(recording.origin))]))
 
 
-def _channel_section(report: ChannelReport) -> ChannelSection:
-    longest = max((after - before for before, after in report.gaps), default=0.0)
-    return ChannelSection(
-        name=report.name, unit=report.unit, role=report.role, samples=report.samples, missing=report.missing,
-        start=report.start, duration=report.duration, rate=report.rate, jitter=report.jitter,
-        range=(report.least, report.most), gaps=len(report.gaps), longest_gap=longest, lost=report.lost,
-        quantum=report.quantum, spikes=len(report.spikes), held=report.held, clock=report.clock)
-
-
 def channel_plot(found: Inspection) -> PlotData:
     """The channels over time with gaps and spikes; those with a role first, then as many as fit."""
     ordered = sorted(found.channels, key=lambda report: report.role is None)
-    drawn = [report for report in ordered if report.least is not None][:MAX_PANELS]
+    drawn = [report for report in ordered if report.range[0] is not None][:MAX_PANELS]
     curves: dict[str, tuple[np.ndarray, np.ndarray]] = {}
     for report in drawn:
         channel = found.recording.channels[report.name]
@@ -68,10 +60,10 @@ def channel_plot(found: Inspection) -> PlotData:
         while label in curves:
             label += " "
         curves[label] = time, values
-        if len(report.spikes):
-            curves[f"spikes {label}"] = channel.time[report.spikes], channel.values[report.spikes]
+        if report.spikes:
+            curves[f"spikes {label}"] = channel.time[report.spike_places], channel.values[report.spike_places]
         if report.gaps:
-            curves[f"gaps {label}"] = tuple(np.array(report.gaps).T)
+            curves[f"gaps {label}"] = tuple(np.array(report.gap_times).T)
     omitted = len(found.channels) - len(drawn)
     title = (f"{found.recording.name}: {len(found.channels)} channels"
              + (f", {omitted} not shown" if omitted else ""))

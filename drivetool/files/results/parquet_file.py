@@ -5,11 +5,14 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from datetime import datetime
 from io import BytesIO
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from drivetool.logs import Recording
+
+if TYPE_CHECKING:
+    import pyarrow as pa
 
 
 def recording_bytes(recording: Recording) -> bytes:
@@ -18,7 +21,6 @@ def recording_bytes(recording: Recording) -> bytes:
     recording  channels with units; time in seconds from its origin, which is noted in the metadata
     """
     import pyarrow as pa
-    import pyarrow.parquet as pq
 
     channels = recording.channels
     first = next(iter(channels.values())).time
@@ -43,10 +45,17 @@ def recording_bytes(recording: Recording) -> bytes:
         fields = [pa.field("channel", arrays[0].type), pa.field("time", pa.float64(), metadata={"unit": "s"}),
                   pa.field("value", pa.float64()), pa.field("unit", arrays[3].type)]
         table = pa.table(arrays, schema=pa.schema(fields, metadata))
-    buffer = BytesIO()
     # Streams of equal bytes compress far better than floats as they are.
-    pq.write_table(table, buffer, compression="zstd", use_dictionary=["channel", "unit"],
-                   column_encoding={f.name: "BYTE_STREAM_SPLIT" for f in fields if f.type == pa.float64()})
+    return parquet_bytes(table, use_dictionary=["channel", "unit"], column_encoding={
+        f.name: "BYTE_STREAM_SPLIT" for f in fields if f.type == pa.float64()})
+
+
+def parquet_bytes(table: pa.Table, **coding: Any) -> bytes:
+    """A table as a Parquet file; coding: of its columns."""
+    from pyarrow import parquet
+
+    buffer = BytesIO()
+    parquet.write_table(table, buffer, compression="zstd", **coding)
     return buffer.getvalue()
 
 
@@ -56,7 +65,6 @@ def table_bytes(columns: Mapping[str, str], rows: Sequence[tuple[Any, ...]]) -> 
     columns  name -> string, double, int32, or timestamp: ISO 8601 in the rows, UTC
     """
     import pyarrow as pa
-    import pyarrow.parquet as pq
 
     kinds = {"string": pa.string(), "double": pa.float64(), "int32": pa.int32(),
              "timestamp": pa.timestamp("us", tz="UTC")}
@@ -70,6 +78,4 @@ def table_bytes(columns: Mapping[str, str], rows: Sequence[tuple[Any, ...]]) -> 
         elif kind == "double":
             values = tuple(None if v is None else float(v) for v in values)
         arrays.append(pa.array(values, kinds[kind]))
-    buffer = BytesIO()
-    pq.write_table(pa.table(arrays, names=list(columns)), buffer, compression="zstd")
-    return buffer.getvalue()
+    return parquet_bytes(pa.table(arrays, names=list(columns)))

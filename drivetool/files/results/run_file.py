@@ -3,11 +3,11 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from io import BytesIO
 
 import numpy as np
 
 from drivetool.check.validation import ModelRun
+from drivetool.files.results.parquet_file import parquet_bytes
 
 
 def run_table(run: ModelRun, about: Mapping[str, str]) -> bytes:
@@ -18,16 +18,13 @@ def run_table(run: ModelRun, about: Mapping[str, str]) -> bytes:
              was measured of them as <role>_measured, null where there was no value
     """
     import pyarrow as pa
-    from pyarrow import parquet
 
     columns = {"time": (run.time, "s"), **{role: (v, run.unit(role)) for role, v in run.inputs.items()}}
     columns |= {role: (values, run.unit(role)) for role, values in run.simulated.items()}
     columns |= {f"{role}_measured": (values, run.unit(role)) for role, values in run.measured.items()}
     fields = [pa.field(name, pa.float64(), metadata={"unit": unit}) for name, (_, unit) in columns.items()]
     arrays = [pa.array(np.ascontiguousarray(values), mask=np.isnan(values)) for values, _ in columns.values()]
-    buffer = BytesIO()
     table = pa.table(arrays, schema=pa.schema(fields, metadata={
         key: text.encode("utf-8", "backslashreplace") for key, text in about.items()}))
     # Streams of equal bytes compress far better than floats as they are.
-    parquet.write_table(table, buffer, compression="zstd", use_dictionary=False, use_byte_stream_split=True)
-    return buffer.getvalue()
+    return parquet_bytes(table, use_dictionary=False, use_byte_stream_split=True)

@@ -2,16 +2,15 @@
 
 from __future__ import annotations
 
-from dataclasses import asdict
-from io import BytesIO
 from pathlib import Path
 
 import numpy as np
 
 from drivetool.files.disk import write_whole
+from drivetool.files.results.parquet_file import parquet_bytes
 from drivetool.files.results.result_file import file_sections, finding_sections, tool_section
 from drivetool.files.shapes import analysis_shapes as shapes
-from drivetool.files.yaml import to_plain
+from drivetool.files.yaml import to_plain, written
 from drivetool.identify.frequency import Response, Spectrum
 
 CURVE_COLUMNS = ("frequency", "magnitude", "phase", "real", "imaginary", "noise_std", "total_std", "spread_std",
@@ -30,10 +29,8 @@ def spectra_file(spectrum: Spectrum, curves: str | None = None) -> shapes.Spectr
         uncertainty=to_plain({"noise": _relative_std(m.noise, m.g), "with_distortion": _relative_std(m.total, m.g),
                            "over_runs": None if spectrum.spread is None else _relative_std(spectrum.spread**2,
                                                                                            m.g)}),
-        peaks=[shapes.PeakSection(**to_plain(dict(p))) for p in spectrum.peaks],
-        distortion=[shapes.DistortionSection(**to_plain(asdict(d)),
-            below_signal_db=d.below_signal_db if d.seen else None)
-                    for d in spectrum.distortion],
+        peaks=[written(peak, shapes.PeakSection) for peak in spectrum.peaks],
+        distortion=[written(each, shapes.DistortionSection) for each in spectrum.distortion],
         feedback=to_plain({"share": spectrum.feedback.share, "p": spectrum.feedback.p}), curves=curves,
         findings=finding_sections(spectrum.findings), data=file_sections(spectrum.data),
         options=to_plain(spectrum.options))
@@ -51,7 +48,6 @@ def curves_bytes(spectrum: Spectrum) -> bytes:
     Variances are of the complex value, E|error|^2; each of its two parts has half of it.
     """
     import pyarrow as pa
-    import pyarrow.parquet as pq
 
     parts = [("all", spectrum.mean, spectrum.spread)]
     parts += [(name, r, None) for name, r in spectrum.runs] if len(spectrum.runs) > 1 else []
@@ -60,9 +56,7 @@ def curves_bytes(spectrum: Spectrum) -> bytes:
     table = np.hstack([_curve_columns(r, spread) for _, r, spread in parts])
     fields = [pa.field("run", pa.string())] + [
         pa.field(name, pa.float64(), metadata={"unit": units.get(name, spectrum.unit)}) for name in CURVE_COLUMNS]
-    buffer = BytesIO()
-    pq.write_table(pa.table([pa.array(run), *table], schema=pa.schema(fields)), buffer, compression="zstd")
-    return buffer.getvalue()
+    return parquet_bytes(pa.table([pa.array(run), *table], schema=pa.schema(fields)))
 
 
 def _curve_columns(r: Response, spread: np.ndarray | None) -> np.ndarray:

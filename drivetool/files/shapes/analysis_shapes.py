@@ -7,32 +7,12 @@ from typing import Annotated, Literal
 from msgspec import UNSET, Meta, UnsetType
 
 from drivetool.files.shapes.parameter_shapes import FileSection, FindingSection, Plain, Tool
+from drivetool.identify.frequency import DistortionSection, PeakSection
 from drivetool.identify.several import DifferenceSection, SpreadSection, SwapSection
 from drivetool.results import Number, Shape
 
 SPECTRA_SCHEMA = "drivetool/spectra/1"
 COMPARISON_SCHEMA = "drivetool/comparison/1"
-
-
-class PeakSection(Shape):
-    """A resonance or anti-resonance that stands out of a measured response."""
-
-    kind: Literal["resonance", "anti-resonance"]
-    hz: Annotated[float, Meta(description="of the spectral line")]
-    magnitude: float
-    resolution_hz: Annotated[float, Meta(description="distance of the lines")]
-    prominence_db: float
-
-
-class DistortionSection(Shape):
-    """Output on lines without excitation, as rms over the lines of a kind."""
-
-    kind: Literal["even", "odd"]
-    lines: int
-    level: float
-    noise: float
-    signal: float
-    below_signal_db: Annotated[Number, Meta(description="null where it does not stand out of the noise")]
 
 
 class SpectraFile(Shape):

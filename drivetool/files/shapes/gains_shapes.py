@@ -6,15 +6,11 @@ from typing import Annotated, Literal
 
 from msgspec import Meta
 
-from drivetool.files.shapes.parameter_shapes import (
-    DriveSection,
-    FileSection,
-    FindingSection,
-    Number,
-    Plain,
-    Shape,
-    Tool,
-)
+from drivetool.files.shapes.parameter_shapes import DriveSection, FileSection, FindingSection, Plain, Tool
+from drivetool.results import Number, Shape
+from drivetool.tune.optimisation import CriterionSection, SpreadSection, VariationSection
+from drivetool.tune.simulation import HuntingSection
+from drivetool.tune.speed_loop import MarginsSection
 
 GAINS_SCHEMA = "drivetool/gains/1"
 PerUnit = Annotated[Number, Meta(description="of the ratings; null where the file has none")]
@@ -27,13 +23,6 @@ class Figure(Shape):
     unit: str
     per_unit: PerUnit = None
     per_unit_unit: Annotated[str, Meta(description="for example % s, for a step of the rated torque")] = ""
-
-
-class CriterionSection(Shape):
-    """What was minimised, for a step of load torque."""
-
-    name: str
-    weights: dict[str, float]
 
 
 class ConstraintSection(Shape):
@@ -74,50 +63,6 @@ class FactorsSection(Shape):
     load_speed: SpeedSection
     motor_speed: SpeedSection
     torque_overshoot_percent: dict[str, float]
-
-
-class MarginsSection(Shape):
-    """null: nothing crosses, so the margin is infinite."""
-
-    max_sensitivity: float
-    sensitivity_frequency_hz: float
-    gain_margin: Number
-    gain_reduction_margin: Number
-    phase_margin_deg: Number
-    crossover_hz: Number
-    delay_margin_s: Number
-
-
-class VariationSection(Shape):
-    """The same settings on a changed drive; null: unstable."""
-
-    change: str
-    max_sensitivity: Number
-    impact_drop: Number
-    overshoot_percent: Number
-
-
-class SpreadSection(Shape):
-    """The same settings over draws of the parameter covariance."""
-
-    draws: int
-    unphysical: int
-    unstable: int
-    parameters: list[str]
-    above_limit: Annotated[float, Meta(description="share of the physical draws with Ms above the limit")]
-    quantiles: Annotated[dict[str, dict[str, Number]], Meta(description="figure -> level; null: unstable")]
-
-
-class HuntingSection(Shape):
-    """The whole drive, gap and friction included, after a kick of its load."""
-
-    situation: str
-    hunts: bool
-    amplitude: Annotated[float, Meta(description="of the motor speed")]
-    frequency_hz: float
-    load_amplitude: float
-    torque_amplitude: float
-    kick: float
 
 
 class DesignSection(Shape):

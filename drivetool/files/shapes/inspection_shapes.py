@@ -6,31 +6,11 @@ from typing import Annotated, Literal
 
 from msgspec import UNSET, Meta, UnsetType
 
-from drivetool.files.shapes.parameter_shapes import FileSection, FindingSection, Number, Shape
+from drivetool.files.shapes.parameter_shapes import FileSection, FindingSection
+from drivetool.logs.door import ChannelSection
+from drivetool.results import Shape
 
 INSPECTION_SCHEMA = "drivetool/inspection/1"
-
-
-class ChannelSection(Shape):
-    """One channel of a log."""
-
-    name: str
-    unit: str | None
-    role: Annotated[str | None, Meta(description="what a step would take it for")]
-    samples: int
-    missing: Annotated[int, Meta(description="samples without a finite value")]
-    start: Annotated[float, Meta(description="s from the origin of the log")]
-    duration: Annotated[float, Meta(description="s")]
-    rate: Annotated[Number, Meta(description="Hz")]
-    jitter: Annotated[float, Meta(description="largest distance from a uniform grid, in steps")]
-    range: Annotated[tuple[Number, Number], Meta(description="least and greatest value, in unit")]
-    gaps: Annotated[int, Meta(description="interruptions of more than a few samples")]
-    longest_gap: Annotated[float, Meta(description="s")]
-    lost: Annotated[int, Meta(description="single samples that are missing")]
-    quantum: Annotated[float, Meta(description="quantisation step in unit; 0: none")]
-    spikes: Annotated[int, Meta(description="samples that stand out of the running median")]
-    held: Annotated[int, Meta(description="how often every value is repeated")]
-    clock: Annotated[str, Meta(description="what is wrong with its time stamps")]
 
 
 class PartSection(Shape):

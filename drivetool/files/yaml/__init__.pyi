@@ -15,6 +15,7 @@ from .ratios import (
 from .text import (
     counted_noun as counted_noun,
     escape_unprintable as escape_unprintable,
+    first_of as first_of,
     from_yaml as from_yaml,
     to_json as to_json,
     to_plain as to_plain,

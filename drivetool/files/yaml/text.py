@@ -5,7 +5,7 @@ from __future__ import annotations
 import json
 import math
 import re
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from typing import Any, TypeVar
 
 import msgspec
@@ -20,6 +20,7 @@ Result = TypeVar("Result", bound=Shape)
 _NUMBER = re.compile(r"^[-+]?(?:\.[0-9]+|[0-9]+\.?[0-9]*)[eE][-+]?[0-9]+$")
 # Largest double of ten digits: rounding the largest finite one (1.7976931348...e308) up would give infinity.
 _LARGEST_ROUNDED = 1.797693134e308
+MAX_NAMES_LISTED = 5  # A choice: names in a readable sentence; the rest is counted.
 # YAML reads these as line breaks, and the first as a plain one.
 _LINE_BREAKS = re.compile("[\x85\u2028\u2029]")
 # A terminal obeys control characters, UTF-8 has no lone surrogates, and XML 1.0 has no place for most of these, not
@@ -108,6 +109,12 @@ def written(section: Shape, kind: type[Result]) -> Result:
 def counted_noun(n: int, noun: str) -> str:
     """'no recordings', '1 recording', '2 recordings'."""
     return f"{n or 'no'} {noun}{'' if n == 1 or noun.endswith('s') else 's'}"
+
+
+def first_of(names: Sequence[str], most: int = MAX_NAMES_LISTED) -> str:
+    """The first of some names, and how many more there are."""
+    more = len(names) - most
+    return ", ".join(names[:most]) + (f" and {more} more" if more > 0 else "")
 
 
 def to_yaml(document: Mapping[str, Any]) -> str:

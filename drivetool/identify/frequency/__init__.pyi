@@ -16,5 +16,6 @@ from .frequency_fit import (
     sandwich as sandwich,
 )
 from .frf import Response as Response, Welch as Welch, welch_response as welch_response
+from .sections import DistortionSection as DistortionSection, PeakSection as PeakSection
 from .spectra_findings import MIN_COHERENCE as MIN_COHERENCE
 from .spectrum import Spectrum as Spectrum

@@ -14,6 +14,7 @@ import numpy as np
 
 from drivetool.errors import NotEnoughData
 from drivetool.identify.frequency.frf import Response
+from drivetool.identify.frequency.sections import DistortionSection
 
 # Correlation with itself one period later from which a signal is periodic. A choice: 10 % of noise
 MIN_PERIODIC_CORRELATION = 0.9
@@ -46,34 +47,6 @@ class Lines:
     def frequency(self) -> np.ndarray:
         """(n,) Hz."""
         return np.arange(1, self.u.shape[1] + 1) / (self.size * self.step)
-
-
-@dataclass(frozen=True)
-class Distortion:
-    """Level of the output on lines without excitation, as rms over the lines of a kind.
-
-    kind    even or odd; lines: how many there are
-    level   rms of the output on them, corrected for what the input has there
-    noise   rms that noise alone would give
-    signal  rms of the output on the excited lines
-    """
-
-    kind: str
-    lines: int
-    level: float
-    noise: float
-    signal: float
-
-    @property
-    def seen(self) -> bool:
-        """Whether the level is significant over the noise."""
-        return self.level**2 > LEVEL_SIGNIFICANCE * self.noise**2 * (1.0 / max(self.lines, 1) ** 0.5 + 0.2)
-
-    @property
-    def below_signal_db(self) -> float | None:
-        """How far the distortion without the noise lies below the signal; None if there is none."""
-        square = self.level**2 - self.noise**2
-        return float(10.0 * np.log10(self.signal**2 / square)) if square > 0.0 and self.signal > 0.0 else None
 
 
 def period_of(x: np.ndarray, max_period: int | None = None) -> int | None:
@@ -221,7 +194,7 @@ def _smoothed_lines(x: np.ndarray, width: int) -> np.ndarray:
     return np.convolve(np.pad(x, half, mode="edge"), np.full(2 * half + 1, 1.0 / (2 * half + 1)), "valid")
 
 
-def distortions(runs: Sequence[Lines]) -> tuple[Distortion, ...]:
+def distortions(runs: Sequence[Lines]) -> tuple[DistortionSection, ...]:
     """Even and odd distortion on the lines inside the excited band that carry no excitation.
 
     Nothing for a kind without such lines: a full multisine hides its distortion.
@@ -247,6 +220,15 @@ def distortions(runs: Sequence[Lines]) -> tuple[Distortion, ...]:
             signal += np.mean(np.abs(run.y.mean(axis=0)[on]) ** 2) * inside.sum()
             count += int(inside.sum())
         if count:
-            found.append(Distortion(kind, count // len(runs), float(np.sqrt(level / count)),
-                                    float(np.sqrt(noise / count)), float(np.sqrt(signal / count))))
+            level, noise, signal = (float(np.sqrt(square / count)) for square in (level, noise, signal))
+            lines = count // len(runs)
+            found.append(DistortionSection(
+                kind, lines, level, noise, signal, _below_signal_db(lines, level, noise, signal)))
     return tuple(found)
+
+
+def _below_signal_db(lines: int, level: float, noise: float, signal: float) -> float | None:
+    """How far the distortion without the noise lies below the signal; None if it is not significant."""
+    square = level**2 - noise**2
+    seen = level**2 > LEVEL_SIGNIFICANCE * noise**2 * (1.0 / max(lines, 1) ** 0.5 + 0.2)
+    return float(10.0 * np.log10(signal**2 / square)) if seen and square > 0.0 and signal > 0.0 else None

@@ -2,14 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-
 import numpy as np
 from scipy.signal import find_peaks
 
 from drivetool.errors import Finding
 from drivetool.identify.estimate import PlotData
 from drivetool.identify.frequency.frf import Response
+from drivetool.identify.frequency.sections import PeakSection
 from drivetool.identify.frequency.spectrum import Spectrum
 
 # Coherence below which a line is unreliable: more than half of its output power is not linear response.
@@ -20,11 +19,8 @@ MAX_LISTED_PEAKS = 12  # peaks listed. A choice: more than the modes of a drive,
 MIN_PEAK_PROMINENCE = np.log(10.0 ** (3.0 / 20.0))  # 3 dB, the usual half-power limit of a resonance
 
 
-def peaks_of(r: Response) -> tuple[Mapping[str, object], ...]:
-    """Resonances and anti-resonances that stand out by 3 dB and by four standard deviations.
-
-    returns  kind, hz (of the line), magnitude, and resolution_hz, the distance of the lines
-    """
+def peaks_of(r: Response) -> tuple[PeakSection, ...]:
+    """Resonances and anti-resonances that stand out by 3 dB and by four standard deviations."""
     level = np.log(np.maximum(np.abs(r.g), 1e-300))
     stds = np.sqrt(np.maximum(r.variance, 0.0) / 2.0) / np.maximum(np.abs(r.g), 1e-300)
     found = []
@@ -35,10 +31,10 @@ def peaks_of(r: Response) -> tuple[Mapping[str, object], ...]:
             if size < 4.0 * std or r.coherence[max(0, i - 1): i + 2].min() < MIN_COHERENCE:
                 continue
             gap = float(r.frequency[i + 1] - r.frequency[i - 1]) / 2.0
-            found.append({"kind": kind, "hz": float(r.frequency[i]), "magnitude": float(np.abs(r.g[i])),
-                          "resolution_hz": gap, "prominence_db": float(20.0 * size / np.log(10.0))})
-    strongest = sorted(found, key=lambda p: -p["prominence_db"])[:MAX_LISTED_PEAKS]
-    return tuple(sorted(strongest, key=lambda p: p["hz"]))
+            found.append(PeakSection(kind, float(r.frequency[i]), float(np.abs(r.g[i])), gap,
+                                     float(20.0 * size / np.log(10.0))))
+    strongest = sorted(found, key=lambda p: -p.prominence_db)[:MAX_LISTED_PEAKS]
+    return tuple(sorted(strongest, key=lambda p: p.hz))
 
 
 def findings_of(s: Spectrum, reference: bool) -> tuple[Finding, ...]:
@@ -90,7 +86,7 @@ def _distortion_findings(s: Spectrum) -> list[Finding]:
             "nonlinear distortion that repeats every period.", {"lines": len(s.mean.frequency)},
             "Excite odd lines only, some of them left out, or record several runs with other phases."))
     for d in s.distortion:
-        if not d.seen or d.below_signal_db is None:
+        if d.below_signal_db is None:
             continue
         what = ("friction that depends on the direction, or a gap on one side" if d.kind == "even"
                 else "Coulomb friction, or backlash")

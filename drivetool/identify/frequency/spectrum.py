@@ -11,7 +11,7 @@ from drivetool.errors import Finding
 from drivetool.identify.channels import Feedback
 from drivetool.identify.estimate import PlotData
 from drivetool.identify.frequency.frf import Response
-from drivetool.identify.frequency.periodic import Distortion
+from drivetool.identify.frequency.sections import DistortionSection, PeakSection
 from drivetool.logs import Source
 
 
@@ -32,10 +32,10 @@ class Spectrum:
     mean: Response
     runs: tuple[tuple[str, Response], ...]
     spread: np.ndarray | None
-    distortion: tuple[Distortion, ...]
+    distortion: tuple[DistortionSection, ...]
     feedback: Feedback
     settings: Mapping[str, object]
-    peaks: tuple[Mapping[str, object], ...]
+    peaks: tuple[PeakSection, ...]
     findings: tuple[Finding, ...]
     data: tuple[Source, ...]
     exhibits: tuple[PlotData, ...] = ()

@@ -18,5 +18,6 @@ from .repeats import (
 from .scatter import (
     mean_of as mean_of,
     p_value_of_equality as p_value_of_equality,
+    restricted_variance as restricted_variance,
     variance_between as variance_between,
 )

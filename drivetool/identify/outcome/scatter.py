@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -45,14 +46,28 @@ def variance_between(y: np.ndarray, variance: np.ndarray) -> float:
 
     y         (n,) estimate of each; variance: (n,) of each by noise of its own
     """
-    def slope(between: float) -> float:
-        weight = 1.0 / (between + variance)
-        mean = np.sum(weight * y) / np.sum(weight)
-        return float(np.sum(weight**2 * (y - mean) ** 2) - np.sum(weight) + np.sum(weight**2) / np.sum(weight))
+    return restricted_variance(y, variance, [slice(None)], 4.0 * float(np.var(y, ddof=1)))
+
+
+def restricted_variance(y: np.ndarray, variance: np.ndarray, groups: Sequence[np.ndarray | slice],
+                        high: float) -> float:
+    """The variance beyond a known one, by restricted likelihood; each group has its own mean.
+
+    y       (n,) values; variance: (n,) known of each
+    groups  places of the values of each, two or more
+    high    where the search begins
+    """
+    def slope(further: float) -> float:
+        found = 0.0
+        for group in groups:
+            weight = 1.0 / (further + variance[group])
+            mean = np.sum(weight * y[group]) / np.sum(weight)
+            found += float(np.sum(weight**2 * (y[group] - mean) ** 2) - np.sum(weight)
+                           + np.sum(weight**2) / np.sum(weight))
+        return found
 
     if slope(0.0) <= 0.0:
         return 0.0
-    high = 4.0 * float(np.var(y, ddof=1))
     while slope(high) > 0.0:
         high *= 4.0
     return float(brentq(slope, 0.0, high))

@@ -13,43 +13,20 @@ from drivetool.logs.channels import ChannelMap, RoleEntry, resolve_channel
 from drivetool.logs.clocks import MAX_ABS_TIME, clean_clock, find_rates
 from drivetool.logs.conditioning import parse_step
 from drivetool.logs.door.build import build_experiment
+from drivetool.logs.door.sections import ChannelSection
 from drivetool.logs.formats import read_recording
 from drivetool.logs.samples import hold_count, quantisation_step, remove_spikes
 
 
-@dataclass(frozen=True)
-class ChannelReport:
+class ChannelReport(ChannelSection):
     """One channel as it was logged.
 
-    unit      as the map or the log gives it; role: what it would be, or None
-    samples   with a time stamp; missing: of them without a finite value
-    start     first stamp, counted from the recording's origin [s]; duration [s]
-    rate      [Hz], None if it cannot be determined; jitter: largest distance from a uniform grid [steps]
-    least, most  range of the values in the channel's unit; None if there is none
-    gaps      interruptions; longest [s]; lost: single samples
-    quantum   step in which the values are quantised, 0.0 if they are not
-    spikes    indices of samples that are outliers from the running median
-    held      how often every value appears in a row, 1 if the channel changes at its own rate
-    clock     clock problem in one sentence, or empty
+    gap_times     [s] last stamp before and first after each interruption
+    spike_places  indices of samples that are outliers from the running median
     """
 
-    name: str
-    unit: str | None
-    role: str | None
-    samples: int
-    missing: int
-    start: float
-    duration: float
-    rate: float | None
-    jitter: float
-    least: float | None
-    most: float | None
-    gaps: tuple[tuple[float, float], ...]
-    lost: int
-    quantum: float
-    spikes: np.ndarray
-    held: int
-    clock: str
+    gap_times: tuple[tuple[float, float], ...]
+    spike_places: np.ndarray
 
 
 @dataclass(frozen=True)
@@ -172,11 +149,11 @@ def _channel_report(name: str, channel: Channel, role: str | None, clock: _Clock
     """The numbers of one channel."""
     values, time = channel.values[clock.keep], channel.time[clock.keep]
     finite = values[np.isfinite(values)]
-    _, spikes = remove_spikes(values)
+    spike_places = clock.keep[remove_spikes(values)[1]]
     return ChannelReport(
         name, unit, role, len(values), len(values) - len(finite),
         float(time[0]) if len(time) else 0.0, float(time[-1] - time[0]) if len(time) else 0.0,
-        clock.rate, clock.jitter,
-        float(finite.min()) if len(finite) else None, float(finite.max()) if len(finite) else None,
-        clock.gaps, clock.lost, quantisation_step(values), clock.keep[spikes], hold_count(values),
-        clock.description)
+        clock.rate, clock.jitter, (float(finite.min()), float(finite.max())) if len(finite) else (None, None),
+        len(clock.gaps), max((after - before for before, after in clock.gaps), default=0.0), clock.lost,
+        quantisation_step(values), len(spike_places), hold_count(values), clock.description, clock.gaps,
+        spike_places)

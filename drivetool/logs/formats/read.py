@@ -63,8 +63,13 @@ def _file_digest(path: Path) -> str:
         parts = sorted(path.rglob("*.parquet"))
         return hashlib.sha256("".join(f"{part.relative_to(path).as_posix()} {_file_digest(part)}\n"
                                       for part in parts).encode()).hexdigest()
-    with path.open("rb") as file:
-        return hashlib.file_digest(file, "sha256").hexdigest()
+    return file_sha256(path)
+
+
+def file_sha256(path: str | Path) -> str:
+    """SHA-256 of a file."""
+    with open(path, "rb") as stream:
+        return hashlib.file_digest(stream, "sha256").hexdigest()
 
 
 def _channels_of_roles(available: Sequence[str], channel_map: ChannelMap | None, log: str,

@@ -7,7 +7,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 from drivetool.files.shapes import ONE_KIND, SITE_SCHEMA
-from drivetool.files.yaml import escape_unprintable
+from drivetool.files.yaml import escape_unprintable, first_of
 
 # Suffix of the kinds whose recordings are held-out data.
 HOLDOUT_SUFFIX = "holdout"
@@ -77,7 +77,7 @@ def first_site(groups: Sequence[RecordingGroup]) -> str:
     """
     recordings = "\n".join(_recordings_entry(each) for each in groups)
     machines = sorted({name for each in groups for name in each.machines})
-    machine_names = _comment_line(machines[:6]) + (f" and {len(machines) - 6} more" if len(machines) > 6 else "")
+    machine_names = _comment_line([first_of(machines, 6)])
     steps = "\n".join(_recipe_lines(groups))
     return f"""schema: {SITE_SCHEMA}
 

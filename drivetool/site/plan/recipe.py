@@ -5,7 +5,6 @@ from __future__ import annotations
 import os
 import shlex
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, field
 from enum import Enum
 from pathlib import Path
 from typing import Any
@@ -13,7 +12,7 @@ from typing import Any
 from drivetool.errors import BadParameters, nearest
 from drivetool.files.shapes import SiteFile, StepSection
 from drivetool.files.yaml import load_channel_map
-from drivetool.site.plan.recordings import file_sha256
+from drivetool.site.plan.recordings import named_sha256
 from drivetool.site.plan.site_file import step_name
 
 # The commands that read recordings and write one file.
@@ -26,27 +25,17 @@ ParseWords = Callable[[str, Sequence[str]], dict[str, Any] | str]
 LOG_PLACEHOLDER = "recording"  # stands for the recordings when the options are checked
 
 
-@dataclass(frozen=True)
-class RecipeStep:
-    """One step of the recipe.
+class RecipeStep(StepSection, kw_only=True):
+    """One step of the recipe: `command` is its first word alone, and `name` is never missing.
 
-    name     of its files
-    command  first word; words: the others as typed
-    params   names of the earlier steps whose files it reads
+    words    the other words as typed
     options  every option with its value, given or not
     files    files named in the words, from the folder of the site file -> sha256; map: the channel map of these
-    judge    next, previous, a kind, or None
     """
 
-    name: str
-    kind: str
-    command: str
     words: tuple[str, ...]
-    params: tuple[str, ...]
-    joint: bool
-    judge: str | None
     options: Mapping[str, Any]
-    files: Mapping[str, str] = field(default_factory=dict)
+    files: Mapping[str, str] = {}
     map: str | None = None
 
 
@@ -84,19 +73,14 @@ def _parse_step(section: StepSection, folder: Path, where: str, parse: ParseWord
     option_values = [text for value in options.values() for text in (value if isinstance(value, list) else [value])]
     files = [text for text in option_values if isinstance(text, str) and os.path.isfile(folder / text)]
     files += [*parsed["params"], *(parsed.get("holdout") or ()), *filter(None, [parsed["map"]])]
-    checksums = {name: _file_checksum(name, folder, where) for name in files if name != "-"}
+    checksums = {name: named_sha256(folder / name, f"to read {name} at {where}",
+                                    "Correct the command; its paths count from the folder of the site file.")
+                 for name in files if name != "-"}
     if parsed["map"]:
         load_channel_map(folder / parsed["map"])
-    return RecipeStep(step_name(section), section.kind, command, tuple(words), tuple(section.params), section.joint,
-                section.judge, options, checksums, parsed["map"])
-
-
-def _file_checksum(name: str, folder: Path, where: str) -> str:
-    try:
-        return file_sha256(folder / name)
-    except OSError as error:
-        raise BadParameters(f"to read {name} at {where}", error.strerror or str(error),
-                            "Correct the command; its paths count from the folder of the site file.") from None
+    return RecipeStep(name=step_name(section), kind=section.kind, command=command, words=tuple(words),
+                      params=section.params, joint=section.joint, judge=section.judge, options=options,
+                      files=checksums, map=parsed["map"])
 
 
 def _parse_options(parse: ParseWords, command: str, words: Sequence[str], typed: str, where: str) -> dict[str, Any]:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import glob
-import hashlib
 import os
 import re
 from collections import Counter
@@ -17,6 +16,7 @@ from drivetool.errors import BadParameters
 from drivetool.files.disk import RECORDING_SUFFIXES
 from drivetool.files.shapes import MachineSection, RecordingsSection, SiteFile
 from drivetool.files.yaml import load_channel_map
+from drivetool.logs.formats import file_sha256
 from drivetool.logs.formats.tables import natural_order
 from drivetool.progress import counted
 from drivetool.site.plan.site_file import MACHINE_PLACEHOLDER
@@ -72,12 +72,6 @@ class Machine:
     name: str
     recordings: tuple[Recording, ...]
     by_name: bool = False
-
-
-def file_sha256(path: str | Path) -> str:
-    """SHA-256 of a file."""
-    with open(path, "rb") as stream:
-        return hashlib.file_digest(stream, "sha256").hexdigest()
 
 
 def find_recordings(site: SiteFile, folder: Path, out: Path) -> list[Recording]:
@@ -150,13 +144,21 @@ def _is_results_or_loop(folder: Path) -> bool:
 
 def _map_sha256(name: str, folder: Path) -> str:
     """SHA-256 of a valid channel map."""
-    try:
-        sha = file_sha256(folder / name)
-    except OSError as error:
-        raise BadParameters(f"to read the channel map {name}", error.strerror or str(error),
-                            "Correct the path at recordings of the site file.") from None
+    sha = named_sha256(folder / name, f"to read the channel map {name}",
+                       "Correct the path at recordings of the site file.")
     load_channel_map(folder / name)
     return sha
+
+
+def named_sha256(path: Path, wanted: str, action: str) -> str:
+    """SHA-256 of a file that the site file names.
+
+    raises  BadParameters: it cannot be read
+    """
+    try:
+        return file_sha256(path)
+    except OSError as error:
+        raise BadParameters(wanted, error.strerror or str(error), action) from None
 
 
 def _result_folders(paths: Sequence[str]) -> dict[str, str]:

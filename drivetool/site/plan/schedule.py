@@ -14,7 +14,7 @@ from drivetool.site.plan.recipe import RecipeStep
 from drivetool.site.plan.recordings import Machine, recording_sha256
 from drivetool.site.plan.result_store import reuse_result, store_result
 from drivetool.site.plan.run_options import RunOptions
-from drivetool.site.plan.tasks import ManifestLine, Output, StepTask, TaskBuilder, rerun_reasons
+from drivetool.site.plan.tasks import ManifestLine, StepTask, TaskBuilder, rerun_reasons
 from drivetool.site.pool import UNREAD, NumberedTasks
 from drivetool.site.results import Manifest
 
@@ -47,7 +47,7 @@ class Schedule:
         for stage in self.stages:
             self._waiting.setdefault(stage.machine.name, []).append(stage)
         self._ready = deque(self._waiting)  # machines with stages that may start
-        self._outputs: dict[tuple[str, str, str], Output] = {}
+        self._outputs: dict[tuple[str, str, str], ManifestLine] = {}
         self._closed: set[tuple[str, str]] = set()
         self._handed_out: list[tuple[StepTask, Stage]] = []  # by number
         self._running: dict[str, list[tuple[StepTask, Stage]]] = {}  # content -> tasks of equal content that wait
@@ -157,7 +157,6 @@ class Schedule:
         for task in stage.tasks:
             line = self.manifest_line(task)
             if line is not None and line["sha256"] is not None:
-                key = stage.step.name, stage.machine.name, task.path
-                self._outputs[key] = Output(line["sha256"], line["content"])
+                self._outputs[stage.step.name, stage.machine.name, task.path] = line
         self._closed.add((stage.step.name, stage.machine.name))
         self._ready.append(stage.machine.name)

@@ -11,22 +11,15 @@ from pathlib import Path, PurePosixPath
 from typing import Any
 
 from drivetool.files.shapes import NEXT, PREVIOUS
+from drivetool.logs.formats import file_sha256
 from drivetool.site.plan.recipe import RecipeStep
-from drivetool.site.plan.recordings import Machine, Recording, file_sha256, safe_folder_name
+from drivetool.site.plan.recordings import Machine, Recording, safe_folder_name
 from drivetool.site.pool import UNREAD
 
 ManifestLine = Mapping[str, Any]
 
 
-@dataclass(frozen=True)
-class Output:
-    """A file of a step: its sha256, and the hash of its inputs (`Task.content`)."""
-
-    sha256: str
-    content: str
-
-
-Outputs = Mapping[tuple[str, str, str], Output]  # by step, machine, recording or ""
+Outputs = Mapping[tuple[str, str, str], ManifestLine]  # of files, by step, machine, recording or ""
 
 
 @dataclass
@@ -119,13 +112,13 @@ class TaskBuilder:
         """The task with its words and inputs, or with the problem that files of an earlier step are missing."""
         step, params = task.step, []
         for name in step.params:
-            newest_output = find_newest_output(self.outputs, self.steps[name], machine, order)
-            if newest_output is None:
+            newest = find_newest_output(self.outputs, self.steps[name], machine, order)
+            if newest is None:
                 task.problem = (f"wanted a file of {name} for {machine.name}; found none, because no recording of "
                                 f"the machine produced one. See the problems of {name} in the summary.")
                 return task
-            params.append((f"{self.out}/{newest_output[1]}", [f"{name}.yaml", newest_output[0].sha256]))
-            task.origins.append(newest_output[0].content)
+            params.append((f"{self.out}/{newest['output']}", [f"{name}.yaml", newest["sha256"]]))
+            task.origins.append(newest["content"])
         read_recordings = [*logs, *([holdout] if holdout else [])]
         maps = {(r.section.map, r.map_sha256) for r in read_recordings} if step.map is None else {(None, None)}
         if len(maps) > 1:
@@ -144,18 +137,13 @@ class TaskBuilder:
         return task
 
 
-def find_newest_output(outputs: Outputs, step: RecipeStep, machine: Machine, order: int) -> tuple[Output,
-                                                                                                  str] | None:
-    """(output, path) of the newest file of a step for a machine: of the last recording at or before the place in
-    the machine's order that has one, else of the first one after; None where there is none.
+def find_newest_output(outputs: Outputs, step: RecipeStep, machine: Machine, order: int) -> ManifestLine | None:
+    """The newest file of a step for a machine: of the last recording at or before the place in the machine's order
+    that has one, else of the first one after; None where there is none.
     """
-    if step.joint:
-        output = outputs.get((step.name, machine.name, ""))
-        return (output, f"{safe_folder_name(machine.name)}/{step.name}.yaml") if output else None
-    for r in _recordings_at(machine, range(order - 1, -1, -1), range(order, len(machine.recordings))):
-        if output := outputs.get((step.name, machine.name, r.path)):
-            return output, f"{r.folder}/{step.name}.yaml"
-    return None
+    paths = [""] if step.joint else (r.path for r in _recordings_at(
+        machine, range(order - 1, -1, -1), range(order, len(machine.recordings))))
+    return next((line for path in paths if (line := outputs.get((step.name, machine.name, path)))), None)
 
 
 def holdout_recording(judge: str, machine: Machine, recording: Recording) -> Recording | None:

@@ -57,7 +57,8 @@ class Cluster:
             if type(error).__name__ != "KilledWorker":
                 raise DriveToolError("a Dask cluster that does the tasks", f"{type(error).__name__}: {error}",
                                      "Look at the cluster, then run the same command again: it goes on.")
-            return _killed_answer()
+            return {"ended": "died", "said": "wanted the step to end; found that the workers of the cluster that "
+                    "took it ended first. Run the step by hand to see why; --retry tries it again."}
         answer = future.result()
         if "numerics" in answer:
             there = ", ".join(f"{k} {v}" for k, v in answer["numerics"].items() if own_versions.get(k) != v)
@@ -66,11 +67,6 @@ class Cluster:
                 f"one with {there}", "Install the same versions everywhere: "
                 "results must not depend on who computes them.")
         return answer
-
-
-def _killed_answer() -> Answer:
-    return {"ended": "died", "said": "wanted the step to end; found that the workers of the cluster that took it "
-            "ended first. Run the step by hand to see why; --retry tries it again."}
 
 
 def run_remotely(task: dict[str, Any], limits: Limits, runner: Runner, expected: dict[str, str]) -> Answer:

@@ -31,6 +31,7 @@ class Entry:
     order      place in the machine's order, from one; 0 for recordings together
     result     content of its file; None with a problem
     problem    why there is no file, in one sentence
+    output     path of its file from the folder of the results
     """
 
     recording: str
@@ -43,6 +44,7 @@ class Entry:
     problem: str | None = None
     seconds: float | None = None
     peak_memory_mb: float | None = None
+    output: str | None = None
 
 
 def summary_rows(entries: Iterable[Entry]) -> list[tuple[Any, ...]]:

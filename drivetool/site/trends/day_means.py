@@ -36,7 +36,7 @@ def tested_series(series: Series) -> TestedSeries:
         return TestedSeries(series, series, tuple(range(len(series.values))), False)
     effects = random_effects(series.values, series.variances, days)
     smallest_variance = MIN_RELATIVE_VARIANCE * (float(np.var(series.values)) or 1.0)
-    weights = 1.0 / np.maximum(series.variances + (effects.within_day or 0.0) ** 2, smallest_variance)
+    weights = 1.0 / np.maximum(series.variances + (effects.std_within_day or 0.0) ** 2, smallest_variance)
     firsts = np.flatnonzero(np.diff(days, prepend=days[0] - 1))
     day_weights, counts = np.add.reduceat(weights, firsts), np.diff([*firsts, len(days)])
     means = replace(

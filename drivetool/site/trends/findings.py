@@ -4,9 +4,11 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Mapping, Sequence
+from typing import Any
 
 from drivetool.errors import Finding
 from drivetool.files.shapes import trend_shapes as shapes
+from drivetool.files.yaml import first_of
 from drivetool.logs.formats import Row
 from drivetool.site.trends.alarm import DEFAULT_ALARM_RATIO
 from drivetool.site.trends.change_points import MIN_SERIES_LENGTH
@@ -15,7 +17,6 @@ from drivetool.site.trends.sentences import drift_text, lower_first_letter, outl
 from drivetool.site.trends.series import Series, series_of, without_copies
 from drivetool.site.trends.trend import Change, Trend, trends
 
-MAX_NAMES_LISTED = 5  # A choice: names in a readable sentence; the rest is counted.
 # Times 1 / sqrt(n), the standard deviation of the correlation of n independent recordings: one in 700 exceeds it.
 CORRELATION_SIGNIFICANCE = 3.0
 ALARM_ADVICE = ("Look for what changed at the machine at that time: wear, lubrication, load, temperature or a "
@@ -46,16 +47,20 @@ def _change_findings(found: Sequence[Trend]) -> list[Finding]:
     series_counts = Counter((t.series.machine, t.series.parameter) for t in found)
     alarms, small = [], []
     for trend in found:
-        series = trend.series
+        series, drift = trend.series, trend.drift
         step = series_counts[series.machine, series.parameter] > 1
-        if trend.drift is not None and trend.drift.significant:
-            text, evidence = drift_text(series, trend.drift, step), _drift_evidence(trend, trend.drift)
-            if trend.drift.alarm:
-                alarms.append(Finding("warning", "trend-alarm", text, evidence, ALARM_ADVICE))
-            else:
-                small.append(Finding("note", "small-change", text, evidence, SMALL_CHANGE_ADVICE))
-        for change in trend.changes:
-            text, evidence = step_text(series, change, step), _step_evidence(trend, change)
+        seen: list[tuple[Change | shapes.DriftSection, str, dict[str, Any]]] = [
+            (each, step_text(series, each, step),
+             {"last_before": each.last_before, "first_after": each.first_after, "before": each.before,
+              "after": each.after}) for each in trend.changes]
+        if drift is not None and drift.significant:
+            seen.insert(0, (drift, drift_text(series, drift, step), {
+                "first": series.recordings[0], "last": series.recordings[-1], "before": drift.before,
+                "after": drift.after, "slope_per_recording": drift.per_recording.value}))
+        for change, text, own in seen:
+            evidence = {
+                "machine": series.machine, "parameter": series.parameter, "step": series.step, "unit": series.unit,
+                **own, "std": change.std, "ratio": change.ratio, "chance": change.chance}
             if change.alarm:
                 alarms.append(Finding("warning", "trend-alarm", text, evidence, ALARM_ADVICE))
             else:
@@ -63,43 +68,26 @@ def _change_findings(found: Sequence[Trend]) -> list[Finding]:
     return [*alarms, *small]
 
 
-def _step_evidence(trend: Trend, change: Change) -> dict[str, float | int | str | None]:
-    series = trend.series
-    return {"machine": series.machine, "parameter": series.parameter, "step": series.step, "unit": series.unit,
-            "last_before": series.recordings[change.place - 1], "first_after": series.recordings[change.place],
-            "before": change.before, "after": change.after, "std": change.std, "ratio": change.ratio,
-            "chance": change.chance}
-
-
-def _drift_evidence(trend: Trend, drift: shapes.DriftSection) -> dict[str, float | int | str | None]:
-    series = trend.series
-    return {"machine": series.machine, "parameter": series.parameter, "step": series.step, "unit": series.unit,
-            "first": series.recordings[0], "last": series.recordings[-1], "before": drift.before,
-            "after": drift.after, "slope_per_recording": drift.per_recording.value, "std": drift.std,
-            "ratio": drift.ratio, "chance": drift.chance}
-
-
 def _outlier_findings(found: Sequence[Trend]) -> list[Finding]:
     """A finding per recording that is an outlier of its machine in any parameter."""
     by_recording: dict[tuple[str, str], list[tuple[Trend, Outlier]]] = {}
     for trend in found:
-        for name, outlier in trend.outliers:
-            by_recording.setdefault((trend.series.machine, name), []).append((trend, outlier))
-    return [_outlier_finding(machine, name, sorted(places, key=lambda pair: -pair[1].ratio))
-            for (machine, name), places in by_recording.items()]
+        for outlier in trend.outliers:
+            by_recording.setdefault((trend.series.machine, outlier.recording), []).append((trend, outlier))
+    return [_outlier_finding(sorted(places, key=lambda pair: -pair[1].ratio)) for places in by_recording.values()]
 
 
-def _outlier_finding(machine: str, name: str, outliers: Sequence[tuple[Trend, Outlier]]) -> Finding:
+def _outlier_finding(outliers: Sequence[tuple[Trend, Outlier]]) -> Finding:
     trend, outlier = outliers[0]
     newest = outlier.place == len(trend.series.values) + len(trend.outliers) - 1
     other_subjects = [lower_first_letter(series_subject(other.series)) for other, _ in outliers[1:]]
     return Finding(
         "warning", "outlying-recording",
-        f"{outlier_text(trend.series, name, outlier)} It is left out of this trend"
-        f"{f' and of those of {_name_list(other_subjects)}' if other_subjects else ''}.",
-        {"machine": machine, "recording": name, "parameter": trend.series.parameter, "step": trend.series.step,
-         "unit": trend.series.unit, "value": outlier.value, "expected": outlier.expected, "std": outlier.std,
-         "ratio": outlier.ratio, "chance": outlier.chance, "parameters": len(outliers)},
+        f"{outlier_text(trend.series, outlier)} It is left out of this trend"
+        f"{f' and of those of {first_of(other_subjects)}' if other_subjects else ''}.",
+        {"machine": trend.series.machine, "recording": outlier.recording, "parameter": trend.series.parameter,
+         "step": trend.series.step, "unit": trend.series.unit, "value": outlier.value, "expected": outlier.expected,
+         "std": outlier.std, "ratio": outlier.ratio, "chance": outlier.chance, "parameters": len(outliers)},
         (f"{NEWEST_OUTLIER_ADVICE} " if newest else "") + OUTLIER_ADVICE)
 
 
@@ -109,7 +97,7 @@ def _recording_remarks(rows: Sequence[Row], copies: Mapping[str, str], found: Se
     if copies:
         remarks.append(Finding(
             "note", "copied-recordings",
-            f"{_name_list([f'{copy} repeats {first}' for copy, first in copies.items()])}: all values and standard "
+            f"{first_of([f'{copy} repeats {first}' for copy, first in copies.items()])}: all values and standard "
             "deviations are equal. The copies are left out.", {"copies": len(copies)},
             "Take the copies out of the site."))
     longest_series = dict.fromkeys((row.machine for row in rows if row.recording and row.machine), 0)
@@ -120,7 +108,7 @@ def _recording_remarks(rows: Sequence[Row], copies: Mapping[str, str], found: Se
         remarks.append(Finding(
             "note", "few-recordings",
             f"A trend needs {MIN_SERIES_LENGTH} recordings of one kind with a value, or days where a day has "
-            f"several; too few: {_name_list([f'{m} has {n}' for m, n in short_series.items()])}. For such a "
+            f"several; too few: {first_of([f'{m} has {n}' for m, n in short_series.items()])}. For such a "
             "machine only means are stated, if any.",
             dict(short_series), "Record it again on further days."))
     remarks += _unit_findings(found)
@@ -128,7 +116,7 @@ def _recording_remarks(rows: Sequence[Row], copies: Mapping[str, str], found: Se
     if dateless:
         remarks.append(Finding(
             "note", "undated-recordings",
-            f"Not all recordings of {_name_list(dateless)} have a date. Only their order is "
+            f"Not all recordings of {first_of(dateless)} have a date. Only their order is "
             "used; days are not distinguished.", {"machines": len(dateless)},
             "Log absolute times, or name recordings by date."))
     missing = {series_subject(t.series): t.series.left_out for t in found if t.series.left_out}
@@ -136,7 +124,7 @@ def _recording_remarks(rows: Sequence[Row], copies: Mapping[str, str], found: Se
         remarks.append(Finding(
             "note", "values-missing",
             f"Recordings without a fitted value are left out: "
-            f"{_name_list([f'{n} of {what}' for what, n in missing.items()])}.", {"series": len(missing)},
+            f"{first_of([f'{n} of {what}' for what, n in missing.items()])}.", {"series": len(missing)},
             "See in the files of these recordings why they have none."))
     return [*remarks, *_correlation_findings(found)]
 
@@ -152,7 +140,7 @@ def _unit_findings(found: Sequence[Trend]) -> list[Finding]:
         return []
     return [Finding(
         "note", "units-mixed",
-        f"Recordings state one parameter in several units: {_name_list(several)}. Each unit is a separate series, "
+        f"Recordings state one parameter in several units: {first_of(several)}. Each unit is a separate series, "
         "and changes from one to the other are not tested.", {"parameters": len(several)},
         "Give the recordings of a machine one unit of torque, by a channel map or a torque constant.")]
 
@@ -166,12 +154,7 @@ def _correlation_findings(found: Sequence[Trend]) -> list[Finding]:
     return [Finding(
         "note", "recordings-correlated",
         f"Apart from steps and drift, neighbouring recordings are correlated: "
-        f"{_name_list([f'{series_subject(t.series)} by {t.correlation:.2f}' for t in correlated])} (correlation). "
+        f"{first_of([f'{series_subject(t.series)} by {t.correlation:.2f}' for t in correlated])} (correlation). "
         "Intervals and tests include it.", {"series": len(correlated), "largest": correlated[0].correlation},
         "Look for what varies slowly, such as the temperature. Small steps of this "
         "series may be parts of such a slow variation.")]
-
-
-def _name_list(names: Sequence[str]) -> str:
-    more = len(names) - MAX_NAMES_LISTED
-    return ", ".join(names[:MAX_NAMES_LISTED]) + (f" and {more} more" if more > 0 else "")

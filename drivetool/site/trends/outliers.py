@@ -2,10 +2,9 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
-
 import numpy as np
 
+from drivetool.files.shapes import trend_shapes as shapes
 from drivetool.site.trends.change_points import (
     MIN_SERIES_LENGTH,
     SITE_FALSE_ALARM_RATE,
@@ -14,31 +13,20 @@ from drivetool.site.trends.change_points import (
     select_model,
 )
 from drivetool.site.trends.regression import weighted_fit
+from drivetool.site.trends.series import Series
 from drivetool.site.trends.weights import outlier_factors, robust_weights, scatter_weights
 
 
-@dataclass(frozen=True)
-class Outlier:
-    """A recording that is left out of its series.
-
-    place     among all recordings of the series, from 0
-    value     its own; expected: the prediction from the others at its place, with their steps and drift
-    std       standard deviation of the others about that; ratio: distance over it
-    chance    of such a deviation without a cause, for all recordings and tests of the site
-    """
+class Outlier(shapes.OutlierSection):
+    """A recording that is left out of its series; place: among all recordings of the series, from 0."""
 
     place: int
-    value: float
-    expected: float
-    std: float
-    ratio: float
-    chance: float
 
 
-def outliers_of(values: np.ndarray, variances: np.ndarray, tests: int, min_ratio: float) -> tuple[Outlier, ...]:
+def outliers_of(series: Series, tests: int, min_ratio: float) -> tuple[Outlier, ...]:
     """The recordings of a series that do not fit the steps and the drift of the others, by their places.
 
-    values     (n,) in the order of the recordings; variances (n,) of each by its stated std
+    series     of all recordings
     tests      how many hypotheses are tested in all: TESTS_PER_SERIES per series
     min_ratio  smallest deviation of an outlier, in standard deviations of the others
     returns    one Outlier each. The farthest recording is removed first; then the steps and the drift of the
@@ -46,18 +34,20 @@ def outliers_of(values: np.ndarray, variances: np.ndarray, tests: int, min_ratio
                recording of a step explains the first, so that neither is an outlier.
     source     Cook and Weisberg 1982 (externally studentised residuals, Bonferroni over the recordings)
     """
+    values, variances = series.values, series.variances
     remaining, found = np.arange(len(values)), list[Outlier]()
     while len(remaining) > MIN_SERIES_LENGTH:
         farthest = _farthest_recording(values[remaining], variances[remaining], tests)
         if farthest.ratio < min_ratio or farthest.chance > SITE_FALSE_ALARM_RATE:
             break
-        found.append(replace(farthest, place=int(remaining[farthest.place])))
+        place = int(remaining[farthest.place])
+        found.append(farthest.replace(place=place, recording=series.recordings[place]))
         remaining = np.delete(remaining, farthest.place)
     return tuple(sorted(found, key=lambda outlier: outlier.place))
 
 
 def _farthest_recording(values: np.ndarray, variances: np.ndarray, tests: int) -> Outlier:
-    """The recording with the largest deviation from the others, with and without the stated std as weight.
+    """The recording with the largest deviation from the others, by its place; with and without the stated std.
 
     The smaller ratio of the two is taken: a std from few intervals of a record may be far too small by chance.
     """
@@ -79,5 +69,5 @@ def _outlier_against_others(values: np.ndarray, variances: np.ndarray, model: Ch
                                           own_weights * outlier_factors(values, own_weights)), design)
     deviation, std = float(found.coefficients[-1]), found.residual_std / float(np.sqrt(own_weights[place]))
     ratio = abs(deviation) / std if std > 0.0 else 0.0  # all are zero
-    return Outlier(place, float(values[place]), float(values[place]) - deviation, std, ratio,
-                   min(found.chance(-1) * len(values) * tests, 1.0))
+    return Outlier("", float(values[place]), float(values[place]) - deviation, std, ratio,
+                   min(found.chance(-1) * len(values) * tests, 1.0), place)

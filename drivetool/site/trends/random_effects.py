@@ -2,76 +2,57 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
 import numpy as np
-from scipy.optimize import brentq
 from scipy.stats import t as student
 
-from drivetool.identify.outcome import mean_of, variance_between
+from drivetool.files.shapes import trend_shapes as shapes
+from drivetool.identify.outcome import mean_of, restricted_variance, variance_between
 
 # Of the scatter of all values: smaller variances give weights so different that sums lose digits by rounding.
 MIN_RELATIVE_VARIANCE = 1e-8
 
 
-@dataclass(frozen=True)
-class RandomEffects:
-    """The mean of a machine over its recordings.
-
-    value         in the unit of the values; ci95: its 95 % interval, None for one recording
-    within_day    standard deviation from recording to recording of one day, beyond the stated std of the
-                  recordings (s_r); None where no day has two recordings
-    between_days  standard deviation from day to day (s_R); None for one day, or where the days are not known
-    recordings    their number; days: number of days, None where they are not known
-    """
-
-    value: float
-    ci95: tuple[float, float] | None
-    within_day: float | None
-    between_days: float | None
-    recordings: int
-    days: int | None
-
-
-def random_effects(values: np.ndarray, variances: np.ndarray, days: np.ndarray | None = None) -> RandomEffects:
+def random_effects(values: np.ndarray, variances: np.ndarray,
+                   days: np.ndarray | None = None) -> shapes.MeanSection:
     """The random-effects mean with s_r within a day and s_R between days.
 
     values     (n,) one per recording
     variances  (n,) of each from its stated std, at least 0
     days       (n,) whole days; None: all recordings count as made on one day
-    returns    RandomEffects. The variances are estimated by restricted maximum likelihood (REML), first within the
-               days, then between their means. The interval is that of Hartung and Knapp over the days, or over the
-               recordings of a single day; then it holds for that day.
+    returns    MeanSection in the unit of the values. The variances are estimated by restricted maximum likelihood
+               (REML), first within the days, then between their means. The interval is that of Hartung and Knapp
+               over the days, or over the recordings of a single day; then it holds for that day.
     source     Patterson and Thompson 1971 (REML); Hartung and Knapp 2001 (interval by Student's t)
     """
     scale = float(np.max(np.abs(values))) or 1.0  # scaled values have squares without overflow or underflow
     found = _scaled_random_effects(values / scale, variances / scale / scale, days)
-    value, within_day, between = (None if x is None else x * scale for x in (
-        found.value, found.within_day, found.between_days))
-    ci95 = None if found.ci95 is None else (found.ci95[0] * scale, found.ci95[1] * scale)
-    return RandomEffects(value, ci95, within_day, between, found.recordings, found.days)
+    within_day, between_days = (None if x is None else x * scale for x in (
+        found.std_within_day, found.std_between_days))
+    return found.replace(value=found.value * scale, std_within_day=within_day, std_between_days=between_days,
+                         ci95=found.ci95 and (found.ci95[0] * scale, found.ci95[1] * scale))
 
 
-def _scaled_random_effects(values: np.ndarray, variances: np.ndarray, days: np.ndarray | None) -> RandomEffects:
+def _scaled_random_effects(values: np.ndarray, variances: np.ndarray,
+                           days: np.ndarray | None) -> shapes.MeanSection:
     """`random_effects` for values scaled to a largest one of 1."""
     n = len(values)
     groups = [np.arange(n)] if days is None else [np.flatnonzero(days == day) for day in np.unique(days)]
     count = None if days is None else len(groups)
     if n == 1:
-        return RandomEffects(float(values[0]), None, None, None, 1, count)
+        return shapes.MeanSection(float(values[0]), None, None, None, 1, count)
     scatter = float(np.var(values)) or MIN_RELATIVE_VARIANCE
     variances = np.maximum(variances, MIN_RELATIVE_VARIANCE * scatter)
     within_day = within_day_variance(values, variances, groups) if any(len(group) > 1 for group in groups) else None
     if len(groups) == 1:
         mean = mean_of(values, variances)
-        return RandomEffects(mean.value, _student_interval(mean.value, mean.variance, n - 1), _std_of(within_day),
-                             None, n, count)
+        return shapes.MeanSection(mean.value, _student_interval(mean.value, mean.variance, n - 1),
+                                  _std_of(within_day), None, n, count)
     weights = 1.0 / (variances + (within_day or 0.0))
     day_weights = np.array([np.sum(weights[group]) for group in groups])
     means = np.array([np.sum(weights[group] * values[group]) for group in groups]) / day_weights
     mean = mean_of(means, 1.0 / day_weights)
-    return RandomEffects(mean.value, _student_interval(mean.value, mean.variance, len(groups) - 1),
-                         _std_of(within_day), _std_of(variance_between(means, 1.0 / day_weights)), n, count)
+    return shapes.MeanSection(mean.value, _student_interval(mean.value, mean.variance, len(groups) - 1),
+                              _std_of(within_day), _std_of(variance_between(means, 1.0 / day_weights)), n, count)
 
 
 def within_day_variance(values: np.ndarray, variances: np.ndarray, groups: list[np.ndarray]) -> float:
@@ -80,22 +61,8 @@ def within_day_variance(values: np.ndarray, variances: np.ndarray, groups: list[
     values, variances  (n,); groups: places of the recordings of each day
     """
     groups = [group for group in groups if len(group) > 1]
-
-    def slope(candidate: float) -> float:
-        found = 0.0
-        for group in groups:
-            weight = 1.0 / (candidate + variances[group])
-            mean = np.sum(weight * values[group]) / np.sum(weight)
-            found += float(np.sum(weight**2 * (values[group] - mean) ** 2) - np.sum(weight)
-                           + np.sum(weight**2) / np.sum(weight))
-        return found
-
-    if slope(0.0) <= 0.0:
-        return 0.0
     high = 4.0 * max(float(np.var(values[group])) for group in groups)
-    while slope(high) > 0.0:
-        high *= 4.0
-    return float(brentq(slope, 0.0, high))
+    return restricted_variance(values, variances, groups, high)
 
 
 def _student_interval(value: float, variance: float, degrees: int) -> tuple[float, float]:

@@ -59,12 +59,12 @@ def drift_text(series: Series, drift: shapes.DriftSection, step: bool = False) -
             f"per {per} (95 % interval {low} to {high}); {size}.")
 
 
-def outlier_text(series: Series, recording: str, outlier: Outlier) -> str:
+def outlier_text(series: Series, outlier: Outlier) -> str:
     """The value of an outlying recording and that of the others."""
     factor, unit = display_scale(series.unit, outlier.value, outlier.expected)
     value, expected, std = rounded_to_std(factor, outlier.std, outlier.value, outlier.expected)
     return (
-        f"{recording} is an outlier: {lower_first_letter(series_subject(series))} is {value}{unit}, in the "
+        f"{outlier.recording} is an outlier: {lower_first_letter(series_subject(series))} is {value}{unit}, in the "
             f"others {expected}{unit}; that is {outlier.ratio:.1f} times their standard deviation, {std}{unit}.")
 
 

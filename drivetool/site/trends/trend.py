@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 from dataclasses import dataclass
+from datetime import UTC, datetime
 from itertools import pairwise
 
 import numpy as np
@@ -13,7 +14,7 @@ from drivetool.site.trends.alarm import DEFAULT_ALARM_RATIO
 from drivetool.site.trends.change_points import MIN_SERIES_LENGTH, ChangeModel, model_columns, select_model
 from drivetool.site.trends.day_means import TestedSeries, tested_series
 from drivetool.site.trends.outliers import Outlier, outliers_of
-from drivetool.site.trends.random_effects import RandomEffects, random_effects
+from drivetool.site.trends.random_effects import random_effects
 from drivetool.site.trends.regression import WeightedFit, weighted_fit
 from drivetool.site.trends.series import SECONDS_PER_DAY, Series
 from drivetool.site.trends.weights import robust_weights
@@ -22,26 +23,10 @@ MIN_DAYS_FOR_SLOPE = 3  # a line over two days has no residual for its interval
 TESTS_PER_SERIES = 3  # a drift, steps, and outliers
 
 
-@dataclass(frozen=True)
-class Change:
-    """A step of a series.
-
-    place    of the first recording after it, from 0
-    before, after  the level on both sides: means, or beside a drift the line at the step
-    std      standard deviation of the runs before, since the step before, their drift included
-    runs     their number; ratio: size over std, infinite if all are equal
-    chance   of such a step without one, for all places and tests of the site
-    alarm    whether the ratio reaches the alarm limit
-    """
+class Change(shapes.ChangeSection):
+    """A step of a series; place: of the first recording after it, from 0."""
 
     place: int
-    before: float
-    after: float
-    std: float
-    runs: int
-    ratio: float
-    chance: float
-    alarm: bool
 
 
 @dataclass(frozen=True)
@@ -49,7 +34,7 @@ class Trend:
     """A series with its mean, drift and steps.
 
     series       without its outliers; all other fields are of this series
-    outliers     (name, figures) of the outlying recordings
+    outliers     the outlying recordings
     mean         over all recordings; parts: of those between the steps, if there are any
     drift        None if not tested, see `reason`
     changes      its steps in their order
@@ -59,9 +44,9 @@ class Trend:
     """
 
     series: Series
-    outliers: tuple[tuple[str, Outlier], ...]
-    mean: RandomEffects
-    parts: tuple[RandomEffects, ...]
+    outliers: tuple[Outlier, ...]
+    mean: shapes.MeanSection
+    parts: tuple[shapes.MeanSection, ...]
     drift: shapes.DriftSection | None
     changes: tuple[Change, ...]
     correlation: float
@@ -91,24 +76,21 @@ def _no_trend_reason(tested: TestedSeries) -> str:
 
 def _trend_of(tested: TestedSeries, tests: int, alarm: float) -> Trend:
     """The trend of one series; tests: in all of the site."""
-    if reason := _no_trend_reason(tested):
-        return Trend(tested.series, (), _mean_between(tested.series), (), None, (), 0.0, len(tested.firsts), reason)
-    outliers = outliers_of(tested.series.values, tested.series.variances, tests, alarm)
-    named_outliers = tuple((tested.series.recordings[outlier.place], outlier) for outlier in outliers)
+    outliers = () if _no_trend_reason(tested) else outliers_of(tested.series, tests, alarm)
     tested = tested_series(tested.series.without([outlier.place for outlier in outliers]))
     series, means = tested.series, tested.means
     if reason := _no_trend_reason(tested):
-        return Trend(series, named_outliers, _mean_between(series), (), None, (), 0.0, len(tested.firsts), reason)
+        return Trend(series, outliers, _mean_between(series), (), None, (), 0.0, len(tested.firsts), reason)
     weights = robust_weights(means.values, means.variances)
     model = select_model(means.values, weights, tests)
     ends = [0, *(tested.firsts[cut] for cut in model.cuts), len(series.values)]
     parts = [_mean_between(series, a, b) for a, b in pairwise(ends)] if model.cuts else []
-    return Trend(series, named_outliers, _mean_between(series), tuple(parts),
+    return Trend(series, outliers, _mean_between(series), tuple(parts),
                  _drift_of(tested, weights, model, tests, alarm), _changes_of(tested, model, alarm),
                  model.fit.correlation, len(tested.firsts))
 
 
-def _mean_between(series: Series, a: int = 0, b: int | None = None) -> RandomEffects:
+def _mean_between(series: Series, a: int = 0, b: int | None = None) -> shapes.MeanSection:
     """The mean of the recordings from place a to before place b."""
     days = None if series.days is None else series.days[a:b]
     return random_effects(series.values[a:b], series.variances[a:b], days)
@@ -116,16 +98,20 @@ def _mean_between(series: Series, a: int = 0, b: int | None = None) -> RandomEff
 
 def _changes_of(tested: TestedSeries, model: ChangeModel, alarm: float) -> tuple[Change, ...]:
     """The steps of a model with their sizes."""
-    found = []
+    series, found = tested.series, []
     design = model_columns(len(tested.firsts), model.slope, model.cuts)
     places = [0, *(tested.firsts[cut] for cut in model.cuts)]
     for i, (cut, chance) in enumerate(zip(model.cuts, model.chances, strict=True)):
         size = float(model.fit.coefficients[model.first_step + i])
         after = float(design[cut] @ model.fit.coefficients)
-        runs = tested.series.values[places[i]:places[i + 1]]
+        runs, place = series.values[places[i]:places[i + 1]], places[i + 1]
         std = float(np.std(runs, ddof=1))
         ratio = abs(size) / std if std > 0.0 else float("inf")
-        found.append(Change(places[i + 1], after - size, after, std, len(runs), ratio, chance, ratio >= alarm))
+        began = None if series.starts is None else tuple(
+            datetime.fromtimestamp(float(start), UTC).strftime("%Y-%m-%dT%H:%M:%SZ")
+            for start in series.starts[place - 1:place + 1])
+        found.append(Change(series.recordings[place - 1], series.recordings[place], began, after - size, after, std,
+                            len(runs), ratio, chance, ratio >= alarm, place))
     return tuple(found)
 
 

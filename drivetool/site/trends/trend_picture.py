@@ -58,7 +58,7 @@ def _panel(trend: Trend, last: bool) -> Panel:
     else:
         marks += _means(trend)
     marks += [part for change in trend.changes for part in _step(trend, change)]
-    marks += [part for name, outlier in trend.outliers for part in _outlier(trend, name, outlier)]
+    marks += [part for outlier in trend.outliers for part in _outlier(trend, outlier)]
     unit = f" [{series.unit}]" if series.unit else ""
     return Panel(marks, {"ylabel": f"{series.parameter}\n{series.step}{unit}", "xlim": (0.5, len(place) + 0.5),
                          **({"ymargin": ANNOTATION_HEADROOM} if trend.changes else {}),
@@ -74,14 +74,14 @@ def _means(trend: Trend) -> list[Mark]:
         for a, b, mean in parts if mean.ci95 is not None]
 
 
-def _outlier(trend: Trend, name: str, outlier: Outlier) -> list[Mark]:
+def _outlier(trend: Trend, outlier: Outlier) -> list[Mark]:
     """A cross at the edge: at its true height it would compress all other values."""
-    before = outlier.place - sum(other.place < outlier.place for _, other in trend.outliers)
+    before = outlier.place - sum(other.place < outlier.place for other in trend.outliers)
     at = before + 0.5, 0.96 if outlier.value > outlier.expected else 0.04
     right = before > 0.6 * len(trend.series.values)
     look = {"xycoords": ("data", "axes fraction"), "textcoords": "offset points", "color": RED, "va": "center"}
-    return [mark("annotate", f"{Path(name).stem}: {outlier.value:.4g}", at, xytext=(-6 if right else 6, 0),
-                 fontsize=7, ha="right" if right else "left", **look),
+    return [mark("annotate", f"{Path(outlier.recording).stem}: {outlier.value:.4g}", at,
+                 xytext=(-6 if right else 6, 0), fontsize=7, ha="right" if right else "left", **look),
             mark("annotate", "\u00d7", at, xytext=(0, 0), ha="center", **look)]
 
 

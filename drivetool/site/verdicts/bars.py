@@ -3,10 +3,9 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass
 
 from drivetool.errors import BadParameters
-from drivetool.files.shapes import BarSection, MeasureSection
+from drivetool.files.shapes import BarSection, MeasureSection, SizeSection
 from drivetool.files.yaml import units
 from drivetool.site.results import Entry, StepResult
 from drivetool.site.verdicts.cases import Case
@@ -14,14 +13,6 @@ from drivetool.site.verdicts.cases import Case
 ALL_MACHINES = "all machines"  # of a bar to which no recording applies
 DIMENSIONLESS_UNITS = (None, "", "1", "%")  # with these units a limit is a plain number
 FORBIDDEN_SEVERITIES = {"no-failure": ("failure",), "no-warning": ("failure", "warning")}
-
-
-@dataclass(frozen=True)
-class StatedFigure:
-    """A value that a file states, with its unit; None where it states none."""
-
-    value: float | None
-    unit: str | None
 
 
 def evaluate_bars(entries: Sequence[Entry], bars: Sequence[BarSection]) -> list[Case]:
@@ -107,11 +98,11 @@ def _check_figure(bar: BarSection, group: Sequence[Entry]) -> str | None:
                            "the machine, the recording or the limit.")
 
 
-def figures(result: StepResult) -> Mapping[str, StatedFigure]:
+def figures(result: StepResult) -> Mapping[str, SizeSection]:
     """Every figure of a file by name."""
-    found = {name: StatedFigure(value, "%" if name.endswith("percent") else None)
+    found = {name: SizeSection(value, "%" if name.endswith("percent") else None)
              for name, value in (result.fit or {}).items()}
-    return found | {row[0]: StatedFigure(row[1], row[2]) for row in result.parameters}
+    return found | {row[0]: SizeSection(row[1], row[2]) for row in result.parameters}
 
 
 def _no_file_sentence(bar: BarSection, entries: Sequence[Entry]) -> str:

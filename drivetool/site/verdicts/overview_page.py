@@ -15,11 +15,8 @@ from drivetool.logs.formats.tables import natural_order
 from drivetool.site.results import FIT_FIGURE, Entry
 from drivetool.site.verdicts.cases import Case
 
-Outputs = Mapping[tuple[str, str, str], str]  # (machine, recording, step) -> file from the folder of the page
 
-
-def index_page(entries: Sequence[Entry], cases: Sequence[Case], outputs: Outputs,
-               changed: Sequence[Finding] = ()) -> str:
+def index_page(entries: Sequence[Entry], cases: Sequence[Case], changed: Sequence[Finding] = ()) -> str:
     """The page as text; deterministic.
 
     entries  of the summary, in its order
@@ -33,8 +30,7 @@ def index_page(entries: Sequence[Entry], cases: Sequence[Case], outputs: Outputs
     groups: dict[str, dict[str, list[Entry]]] = {}
     for entry in entries:
         groups.setdefault(entry.machine, {}).setdefault(entry.recording, []).append(entry)
-    rows = [_recording_row(machine, recording, groups[machine][recording], missed.get((machine, recording), ()),
-                           outputs)
+    rows = [_recording_row(machine, recording, groups[machine][recording], missed.get((machine, recording), ()))
             for machine in _worst_first(groups, missed, changed) for recording in groups[machine]]
     return rendered(
         "overview.html", rows=rows, changed=changed, checks=len(cases), failed=sum(map(len, missed.values())),
@@ -56,15 +52,13 @@ def _worst_first(groups: Mapping[str, Mapping[str, Sequence[Entry]]],
     return sorted(groups, key=lambda machine: (badness(machine), natural_order(Path(machine))))
 
 
-def _recording_row(machine: str, recording: str, several: Sequence[Entry], missed: Sequence[Case],
-                   outputs: Outputs) -> dict[str, Any]:
+def _recording_row(machine: str, recording: str, several: Sequence[Entry],
+                   missed: Sequence[Case]) -> dict[str, Any]:
     """The cells of a recording, or of all of a machine together."""
-    paths = [outputs.get((machine, recording, entry.step)) for entry in several]
     results = [entry.result for entry in several if entry.result is not None]
     fits = [result.fit[FIT_FIGURE] for result in results if FIT_FIGURE in (result.fit or {})]
     return {"machine": machine, "recording": recording, "missed": missed,
             "began": (several[0].start or "")[:19].replace("T", " "),
-            "files": [(entry.step, path and quote(os.fsencode(path)))
-                      for entry, path in zip(several, paths, strict=True)],
+            "files": [(entry.step, entry.output and quote(os.fsencode(entry.output))) for entry in several],
             "fit": "" if not fits or fits[-1] is None else f"{fits[-1]:.2f} %",
             "codes": dict.fromkeys(code for result in results for _, code, _ in result.findings)}

@@ -25,4 +25,9 @@ from .search import (
     optimum as optimum,
     tuning_problem as tuning_problem,
 )
+from .sections import (
+    CriterionSection as CriterionSection,
+    SpreadSection as SpreadSection,
+    VariationSection as VariationSection,
+)
 from .variations import Variation as Variation, variation_study as variation_study

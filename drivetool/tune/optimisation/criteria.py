@@ -8,32 +8,28 @@ from __future__ import annotations
 
 import re
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
 from math import factorial
 
 import numpy as np
 
 from drivetool.errors import BadOption
+from drivetool.tune.optimisation.sections import CriterionSection
 from drivetool.tune.speed_loop import Loop, Modes, Settings, absolute_integrals, decompose
 
 CRITERION_NAMES = ("IAE", "ISE", "IE", "ITSE", "IT2SE")
 MAX_TIME_POWER = 16  # power of time; beyond it the figure depends on the slowest mode only
 
 
-@dataclass(frozen=True)
-class Criterion:
+class Criterion(CriterionSection):
     """An integral criterion of the response to a unit step of load torque.
 
     name     IE: |int e|; IAE: int |e|; ISE: int e^2; IT<k>SE: int t^k e^2, ITSE for k = 1
-    weights  signal -> weight; absent: the load speed alone. Signals are load_speed, motor_speed
+    weights  signal -> weight. Signals are load_speed, motor_speed
              and <motor>_torque, the latter minus its value at rest; weighted errors are summed
              for IE and IAE, their squares for the others
     source   Tallfors 2005, (3.1) and sec. 3.3; the minimum printed in its figure 3.8 shows that
              the power of time is outside the square
     """
-
-    name: str = "IAE"
-    weights: Mapping[str, float] = field(default_factory=lambda: {"load_speed": 1.0})
 
     @property
     def power(self) -> int | None:
@@ -75,8 +71,7 @@ def criterion_values(loop: Loop, wanted: Criterion, gain: np.ndarray, integral_t
 
 def criterion_value(loop: Loop, wanted: Criterion, settings: Settings) -> float:
     """The criterion of one setting."""
-    return float(criterion_values(loop, wanted, *(np.array([v]) for v in (
-        settings.gain, settings.integral_time, settings.second)))[0])
+    return float(criterion_values(loop, wanted, *settings.columns)[0])
 
 
 def impact_drops(loop: Loop, names: Sequence[str], gain: np.ndarray, integral_time: np.ndarray,
@@ -90,8 +85,7 @@ def impact_drops(loop: Loop, names: Sequence[str], gain: np.ndarray, integral_ti
 
 def signals(loop: Loop, settings: Settings, names: Sequence[str]) -> dict[str, Modes]:
     """Responses of signals to a unit step of load torque."""
-    one = [np.array([v]) for v in (settings.gain, settings.integral_time, settings.second)]
-    rates, weights = decompose(loop.matrices(*one), loop.b, loop.outputs(names, *one))
+    rates, weights = decompose(loop.matrices(*settings.columns), loop.b, loop.outputs(names, *settings.columns))
     return {name: Modes(rates[0], weights[0, k], float(-weights[0, k].sum().real)) for k, name in enumerate(names)}
 
 

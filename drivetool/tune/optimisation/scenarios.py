@@ -10,9 +10,11 @@ import numpy as np
 from drivetool.drive import Drive
 from drivetool.errors import BadParameters
 from drivetool.identify.estimate import Covariance
-from drivetool.tune.optimisation.load_step_factors import peaks
+from drivetool.tune.optimisation.criteria import signals
+from drivetool.tune.optimisation.load_step_factors import speed_factors
 from drivetool.tune.optimisation.search import sensitivity_of
-from drivetool.tune.speed_loop import Loop, Modes, Settings, Wiring, absolute_integral, build, decompose, plant
+from drivetool.tune.optimisation.sections import SpreadSection
+from drivetool.tune.speed_loop import Loop, Settings, Wiring, build, plant
 
 QUANTILE_LEVELS = (0.05, 0.5, 0.95)  # median and a 90 % interval, which 200 draws still resolve
 
@@ -31,24 +33,13 @@ class Draws:
     names: tuple[str, ...]
 
 
-@dataclass(frozen=True)
-class FigureSpread:
-    """How figures of a tuned loop spread over the draws.
+class FigureSpread(SpreadSection):
+    """How figures of a tuned loop spread over the draws; an unstable draw counts as infinite.
 
-    draws, unphysical, unstable  numbers of drives
-    parameters                   that vary
-    above_limit                  share of the physical draws with Ms above the limit
-    quantiles                    figure -> level -> value; an unstable draw counts as infinite
-    samples                      figure -> (draws,) values, for pictures
+    samples  figure -> (draws,) values, for pictures
     """
 
-    draws: int
-    unphysical: int
-    unstable: int
-    parameters: tuple[str, ...]
-    above_limit: float
-    quantiles: Mapping[str, Mapping[str, float]]
-    samples: Mapping[str, np.ndarray]
+    samples: dict[str, np.ndarray]
 
 
 def joint_covariance(drive: Drive, known: Covariance | None, stds: Mapping[str, float]) -> Covariance | None:
@@ -108,14 +99,12 @@ def spread_of_figures(draws: Draws, wiring: Wiring, settings: Settings, limit: f
     """Sensitivity, impact drop and overshoot of one setting over the draws."""
     figures = {"max_sensitivity": [], "impact_drop": [], "overshoot": []}
     for drive in draws.drives:
-        loop = build(drive, wiring)
-        found = loop_figures(loop, settings)
-        for name, figure in zip(figures, found, strict=True):
+        for name, figure in zip(figures, loop_figures(build(drive, wiring), settings), strict=True):
             figures[name].append(figure)
     samples = {name: np.array(values) for name, values in figures.items()}
     return FigureSpread(
         len(draws.drives) + draws.unphysical, draws.unphysical, int(np.isinf(samples["max_sensitivity"]).sum()),
-        draws.names, float(np.mean(samples["max_sensitivity"] > limit * (1.0 + 1e-9))),
+        list(draws.names), float(np.mean(samples["max_sensitivity"] > limit * (1.0 + 1e-9))),
         {name: {f"{level:g}": _quantile(values, level) for level in QUANTILE_LEVELS}
          for name, values in samples.items()}, samples)
 
@@ -125,9 +114,8 @@ def loop_figures(loop: Loop, settings: Settings) -> tuple[float, float, float]:
     ms = sensitivity_of(loop, plant(loop.drive, loop.wiring), settings)
     if np.isinf(ms):
         return np.inf, np.inf, np.inf
-    rates, weights = decompose(loop.matrix(settings)[None], loop.b, loop.rows["load_speed"][None])
-    first, opposite = peaks(Modes(rates[0], weights[0, 0]).extrema()[1])
-    return ms, float(absolute_integral(rates[0], weights[0, 0])[1]), 100.0 * opposite / first
+    found = speed_factors(signals(loop, settings, ["load_speed"])["load_speed"])
+    return ms, found.impact_drop, found.overshoot
 
 
 def _quantile(values: np.ndarray, level: float) -> float:

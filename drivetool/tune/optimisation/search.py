@@ -16,7 +16,7 @@ import numpy as np
 from scipy.optimize import minimize
 
 from drivetool.errors import BadParameters
-from drivetool.tune.optimisation.criteria import Criterion, criterion_values
+from drivetool.tune.optimisation.criteria import Criterion, criterion_value, criterion_values
 from drivetool.tune.speed_loop import (
     Loop,
     Plant,
@@ -94,12 +94,10 @@ class Optimum:
     value: float
 
 
-def tuning_problem(loop: Loop, criterion: Criterion, limits: TuneLimits,
-                   scenarios: Sequence[Loop] = ()) -> TuningProblem:
-    """The problem for `optimum`; without scenarios the nominal drive is the only one."""
+def tuning_problem(loop: Loop, criterion: Criterion, limits: TuneLimits) -> TuningProblem:
+    """The problem for `optimum` with the nominal drive as the only one."""
     own = plant(loop.drive, loop.wiring)
-    others = tuple((other, plant(other.drive, other.wiring)) for other in scenarios)
-    return TuningProblem(loop, own, others or ((loop, own),), criterion, limits)
+    return TuningProblem(loop, own, ((loop, own),), criterion, limits)
 
 
 def optimum(task: TuningProblem) -> Optimum | None:
@@ -128,17 +126,12 @@ def _refine_optimum(task: TuningProblem, best: Optimum) -> Optimum:
             task, limits=replace(task.limits, sensitivity=working),
             scenarios=tuple((loop, with_fine_peaks(own, best.settings)) for loop, own in task.scenarios))
         best = _polish(task, _restart_nearby(task, best.settings), FINE_STEPS)
-        found = largest_sensitivity(task, best.settings)
+        found = max(sensitivity_of(loop, own, best.settings) for loop, own in task.scenarios)
         if found - limit <= 1e-9:
             break
         # Corrected as a distance from -1, which stays positive even for an unstable loop.
         working = 1.0 / (1.0 / working + (1.0 / limit - 1.0 / found) * (1.0 + 1e-3))
     return best
-
-
-def largest_sensitivity(task: TuningProblem, settings: Settings) -> float:
-    """The largest Ms of all scenarios."""
-    return max(sensitivity_of(loop, own, settings) for loop, own in task.scenarios)
 
 
 def sensitivity_of(loop: Loop, own: Plant, settings: Settings) -> float:
@@ -242,7 +235,7 @@ def _restart_nearby(task: TuningProblem, settings: Settings) -> _GridPoint:
             if ends is None:
                 continue
             gain = float(np.clip(settings.gain, *ends))
-            cost = float(criterion_values(task.loop, task.criterion, *np.array([[gain], [ti], [second]]))[0])
+            cost = criterion_value(task.loop, task.criterion, Settings(gain, float(ti), float(second)))
             if best is None or cost < best.value:
                 position = np.log(gain / ends[0]) / np.log(ends[1] / ends[0])
                 best = _GridPoint(np.array([np.log(ti), np.log(second), position]), gain, cost)
@@ -280,20 +273,19 @@ class _Objective:
         if ends is None:
             return worst * (1.0 + np.abs(x - self.start.point[self.free]).sum())
         gain = _gain_at(*ends, np.clip(point[2], 0.0, 1.0))
-        found = float(criterion_values(self.task.loop, self.task.criterion, *np.array([[gain], [ti], [second]]))[0])
+        settings = Settings(float(gain), float(ti), float(second))
+        found = criterion_value(self.task.loop, self.task.criterion, settings)
         if found < self.best.value:
-            self.best = Optimum(Settings(float(gain), float(ti), float(second)), found)
+            self.best = Optimum(settings, found)
         return found if np.isfinite(found) else worst
-
-
-def _objective(task: TuningProblem, start: _GridPoint, free: list[int], end: float | None = None) -> _Objective:
-    return _Objective(task, start, free, end, Optimum(_settings_of(start), start.value))
 
 
 def _nelder_mead(task: TuningProblem, start: _GridPoint, free: list[int], end: float | None,
                  step: Sequence[float]) -> Optimum:
     """One Nelder-Mead run over some of the three coordinates."""
-    trial, x0 = _objective(task, start, free, end), start.point[free]
+    settings = Settings(float(start.gain), *(float(v) for v in np.exp(start.point[:2])))
+    trial = _Objective(task, start, free, end, Optimum(settings, start.value))
+    x0 = start.point[free]
     simplex = np.vstack([x0, x0 + np.diag([_first_step(x0[i], k, step[k]) for i, k in enumerate(free)])])
     minimize(trial, x0, method="Nelder-Mead", options={
         "initial_simplex": simplex, "xatol": 1e-7, "fatol": 1e-9 * start.value, "maxfev": 90 * len(free)})
@@ -303,10 +295,6 @@ def _nelder_mead(task: TuningProblem, start: _GridPoint, free: list[int], end: f
 def _first_step(x: float, coordinate: int, step: float) -> float:
     """The first step of a position points into its interval."""
     return -step if coordinate == 2 and x > 0.5 else step
-
-
-def _settings_of(start: _GridPoint) -> Settings:
-    return Settings(float(start.gain), *(float(v) for v in np.exp(start.point[:2])))
 
 
 def _nearest_interval(task: TuningProblem, integral_time: float, second: float, gain: float) -> np.ndarray | None:

@@ -7,33 +7,25 @@ inertia at 80 % with the resonance unchanged.
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import dataclass
 
 import numpy as np
 
 from drivetool.drive import Drive, resonances
 from drivetool.quantity import name_of
 from drivetool.tune.optimisation.scenarios import loop_figures
+from drivetool.tune.optimisation.sections import VariationSection
 from drivetool.tune.speed_loop import Settings, Wiring, build
 
 
-@dataclass(frozen=True)
-class Variation:
-    """One changed drive under the unchanged controller; infinite figures where it is unstable.
+class Variation(VariationSection):
+    """One changed drive under the unchanged controller; infinite figures where it is unstable."""
 
-    label  the change; drive: the changed drive
-    """
-
-    label: str
     drive: Drive
-    max_sensitivity: float
-    impact_drop: float
-    overshoot: float
 
 
 def variation_study(drive: Drive, wiring: Wiring, settings: Settings) -> tuple[Variation, ...]:
     """All variations that apply to this drive."""
-    return tuple(Variation(label, changed, *loop_figures(build(changed, wiring), settings))
+    return tuple(Variation(label, *loop_figures(build(changed, wiring), settings), changed)
                  for label, changed in changed_drives(drive))
 
 

@@ -5,3 +5,4 @@ from .limit_cycle import (
 )
 from .nonlinear import has_gap as has_gap
 from .replay import COMPARED_ROLES as COMPARED_ROLES, LoopReplay as LoopReplay, replay_load_step as replay_load_step
+from .sections import HuntingSection as HuntingSection

@@ -8,7 +8,7 @@ the contact closed, so this case is simulated first.
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
 
@@ -16,7 +16,8 @@ from drivetool.drive import MOTOR_TORQUE, Assembly, Layout
 from drivetool.drive.simulation import Plant
 from drivetool.quantity import name_of
 from drivetool.tune.simulation.nonlinear import closed_loop, has_gap, is_nonlinear, simulate_loop, steady_state
-from drivetool.tune.speed_loop import Loop, Settings, build, rate_range
+from drivetool.tune.simulation.sections import HuntingSection
+from drivetool.tune.speed_loop import Loop, Settings, build, rate_range, steady_torques
 
 # In gaps per radian of the lowest resonance: a kick of 1 moves the load through about one gap. Sizes over 1.5
 # decades, as some kicks may not reach a cycle. The index is that of the kick shown without a cycle.
@@ -32,31 +33,9 @@ STIFFNESS_SHARES = np.geomspace(1e-3, 1.0, 61)  # of the stiffness, 20 a decade,
 MIN_CYCLE_SWING = 1e-2  # of a cycle, in gaps per radian of the lowest resonance. A choice: 1 % of a gap.
 
 
-@dataclass(frozen=True)
-class Cycle:
-    """The response of the loop to the kicks, in one load state.
-
-    situation   in words
-    hunts       whether a limit cycle remained after a kick
-    amplitude   of the motor speed about its mean [speed]; frequency [Hz]; of the largest cycle
-    load_swing  amplitude of the load speed; torque_swing: of the first motor's torque
-    kick        change of the load's speed that started it [speed]
-    """
-
-    situation: str
-    hunts: bool
-    amplitude: float = 0.0
-    frequency: float = 0.0
-    load_swing: float = 0.0
-    torque_swing: float = 0.0
-    kick: float = 0.0
-
-
-@dataclass(frozen=True)
-class DisturbanceResponse:
+class DisturbanceResponse(HuntingSection):
     """A load state with the response to its kick, for a picture; all (n,), time [s]."""
 
-    cycle: Cycle
     time: np.ndarray
     motor_speed: np.ndarray
     load_speed: np.ndarray
@@ -73,23 +52,19 @@ def disturbance_responses(loop: Loop, settings: Settings) -> tuple[DisturbanceRe
         return ()
     if loop.wiring.configuration == "mimo" and has_gap(loop.drive):
         return ()
-    kick_unit, idle, at_standstill = _kick_unit(loop), idle_load(loop), loop.at(0.0)
+    kick_unit, at_standstill = _kick_unit(loop), loop.at(0.0)
+    # The constant torque in the last shaft when the load turns at the working point with no load torque.
+    idle = float(steady_torques(loop.drive, 0.0, 0.0, np.copysign(1.0, loop.wiring.speed))[0][-1])
     speed = loop.wiring.speed or 200.0 * kick_unit
-    no_shaft_torque = -idle - _load_viscous_friction(loop) * speed / loop.drive.gear_ratios()[-1]
+    plain = Assembly(loop.drive, Layout((), (MOTOR_TORQUE,), (), 1.0, gradient=False))
+    viscous = float(plain.of_body(len(loop.drive.bodies) - 1, "viscous").v)  # at speed it loads the shaft, too
+    no_shaft_torque = -idle - viscous * speed / loop.drive.gear_ratios()[-1]
     situations = [(loop, NO_SHAFT_TORQUE, speed, no_shaft_torque)]
     if idle:
         situations.append((loop, "no load torque but the idle torque, moving", speed, 0.0))
     if any((at_standstill.drive.value(name_of(b, "coulomb")) or 0.0) for b in at_standstill.drive.bodies):
         situations.append((at_standstill, "at standstill", 0.0, 0.0))
     return tuple(_watch_situation(own, settings, name, at, load, kick_unit) for own, name, at, load in situations)
-
-
-def idle_load(loop: Loop) -> float:
-    """Constant torque in the last shaft when the load turns at the working point with no load torque."""
-    plain = Assembly(loop.drive, Layout((), (MOTOR_TORQUE,), (), 1.0, gradient=False))
-    last = len(loop.drive.bodies) - 1
-    coulomb = loop.drive.value(name_of(loop.drive.bodies[-1], "coulomb")) or 0.0
-    return float(plain.of_body(last, "idle_torque").v + np.copysign(coulomb, loop.wiring.speed))
 
 
 def _kick_unit(loop: Loop) -> float:
@@ -108,15 +83,9 @@ def _watch_situation(loop: Loop, settings: Settings, name: str, speed: float, lo
     found = []
     for size in KICK_SIZES:
         found.append(_simulate_disturbance(loop, settings, name, speed, load, kick_unit, size))
-        if found[-1].cycle.hunts:
+        if found[-1].hunts:
             return found[-1]
     return found[DEFAULT_KICK]
-
-
-def _load_viscous_friction(loop: Loop) -> float:
-    """Viscous friction of the last body, which at speed also loads the shaft."""
-    plain = Assembly(loop.drive, Layout((), (MOTOR_TORQUE,), (), 1.0, gradient=False))
-    return float(plain.of_body(len(loop.drive.bodies) - 1, "viscous").v)
 
 
 def _simulate_disturbance(loop: Loop, settings: Settings, name: str, speed: float, load: float, kick_unit: float,
@@ -140,21 +109,18 @@ def _simulate_disturbance(loop: Loop, settings: Settings, name: str, speed: floa
     tail = traces[len(traces) // 3:]
     swing = np.ptp(tail, axis=0) / 2.0
     frequency = _cycle_frequency(tail[:, 0], step)
-    cycle = Cycle(name, True, float(swing[0]), frequency, float(swing[1]), float(swing[2]),
-                  size * kick_unit) if hunts else Cycle(name, False, kick=size * kick_unit)
+    cycle = (float(swing[0]), frequency, float(swing[1]), float(swing[2])) if hunts else (0.0,) * 4
     segment = 15.0 / frequency if hunts and frequency else 8.0 / -rates.real.max()
     segment = first[:max(200, int(segment / step))]
     ahead = loop.direct * loop.reference_gain(loop.wiring.motors[0], settings) * speed
     segment = segment + np.array([0.0, 0.0, ahead, 0.0])
-    return DisturbanceResponse(cycle, np.arange(len(segment)) * step, *segment.T)
+    return DisturbanceResponse(name, hunts, *cycle, size * kick_unit, np.arange(len(segment)) * step, *segment.T)
 
 
 def _signal_rows(loop: Loop, settings: Settings) -> np.ndarray:
     """(4, n) motor speed, load speed, torque of the first motor, twist of the last shaft."""
-    nb, n = len(loop.drive.bodies), len(loop.a)
-    one = [np.array([v]) for v in (settings.gain, settings.integral_time, settings.second)]
-    torque = loop.outputs([f"{loop.wiring.motors[0]}_torque"], *one)[0, 0]
-    return np.vstack([np.eye(n)[0], np.eye(n)[nb - 1], torque, np.eye(n)[2 * nb - 2]])
+    nb, states = len(loop.drive.bodies), np.eye(len(loop.a))
+    return np.vstack([states[0], states[nb - 1], loop.torque_rows(settings)[0], states[2 * nb - 2]])
 
 
 def _simulate_in_chunks(plant: Plant, inputs: np.ndarray, state: np.ndarray, step: float, count: int,

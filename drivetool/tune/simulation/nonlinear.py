@@ -11,7 +11,6 @@ from collections.abc import Sequence
 import numpy as np
 
 from drivetool.drive import MOTOR_TORQUE, Assembly, Drive, Layout
-from drivetool.drive.arrays import System
 from drivetool.drive.simulation import Plant, Trace
 from drivetool.quantity import name_of
 from drivetool.tune.speed_loop import Loop, Settings, chain_alone, mechanics, steady_torques
@@ -36,7 +35,26 @@ def closed_loop(loop: Loop, settings: Settings, step: float, outputs: Sequence[s
              measured shaft torque of a mimo loop is that of a closed contact
     step     sample interval of the inputs [s]
     """
-    return Plant(_system(loop, settings, step, tuple(outputs)))
+    plain = Assembly(chain_alone(loop.drive),
+                     Layout((), (MOTOR_TORQUE, "load_torque"), tuple(outputs), step, gradient=False)).system()
+    nm, n = plain.nx, len(loop.a)
+    closed = loop.matrix(settings)
+    control = closed[:nm].copy()
+    control[:, :nm] -= mechanics(loop.drive, loop.wiring)[0]
+    mass = np.vstack([plain.mass, np.ones((n - nm, 1))])
+    rows = np.zeros((n, n + 3, 1))
+    rows[:nm, :nm, 0] = plain.rows[:, :nm, 0]
+    rows[:nm, n + LOAD_COLUMN] = plain.rows[:, nm + 1]
+    rows[:nm, n + 2] = plain.rows[:, nm + 2]
+    rows[:nm, :n, 0] += control * plain.mass
+    rows[nm:, :n, 0] = closed[nm:]
+    rows[:, n + REFERENCE_COLUMN, 0] = loop.reference(settings) * mass[:, 0]
+    spring = np.zeros((plain.ng, n, 1))
+    spring[:, :nm] = plain.spring
+    read = np.zeros((plain.ny, n, 1))
+    read[:, :nm] = plain.outputs
+    return Plant(plain._replace(rows=rows, mass=mass, spring=spring, outputs=read, memory=np.ones(n), nx=n, nu=2,
+                                ns=n, plain=n))
 
 
 def simulate_loop(plant: Plant, inputs: np.ndarray, start: np.ndarray, step: float) -> tuple[np.ndarray,
@@ -71,7 +89,7 @@ def _with_controller(loop: Loop, settings: Settings, state: np.ndarray, speed: f
     fixed = a[nm:-1, :nm] @ state[:nm] + b[nm:-1] * speed
     at_zero = np.linalg.solve(inner, -fixed) if len(inner) else np.zeros(0)
     per_unit = np.linalg.solve(inner, -a[nm:-1, -1]) if len(inner) else np.zeros(0)
-    rows = _torque_rows(loop, settings)
+    rows = loop.torque_rows(settings)
     zero = rows @ np.r_[state[:nm], at_zero, 0.0]
     zero += loop.direct * speed * np.array([loop.reference_gain(m, settings) for m in loop.wiring.motors])
     slope = rows @ np.r_[np.zeros(nm), per_unit, 1.0]
@@ -79,33 +97,3 @@ def _with_controller(loop: Loop, settings: Settings, state: np.ndarray, speed: f
     state[nm:-1] = at_zero + integral_state * per_unit
     state[-1] = integral_state
     return state
-
-
-def _torque_rows(loop: Loop, settings: Settings) -> np.ndarray:
-    """(motors, n) torque of each motor over the state."""
-    one = [np.array([v]) for v in (settings.gain, settings.integral_time, settings.second)]
-    return loop.outputs([f"{m}_torque" for m in loop.wiring.motors], *one)[0]
-
-
-def _system(loop: Loop, settings: Settings, step: float, outputs: tuple[str, ...]) -> System:
-    """The system of the drive, extended by the controller's states."""
-    plain = Assembly(chain_alone(loop.drive),
-                     Layout((), (MOTOR_TORQUE, "load_torque"), outputs, step, gradient=False)).system()
-    nm, n = plain.nx, len(loop.a)
-    closed = loop.matrix(settings)
-    control = closed[:nm].copy()
-    control[:, :nm] -= mechanics(loop.drive, loop.wiring)[0]
-    mass = np.vstack([plain.mass, np.ones((n - nm, 1))])
-    rows = np.zeros((n, n + 3, 1))
-    rows[:nm, :nm, 0] = plain.rows[:, :nm, 0]
-    rows[:nm, n + LOAD_COLUMN] = plain.rows[:, nm + 1]
-    rows[:nm, n + 2] = plain.rows[:, nm + 2]
-    rows[:nm, :n, 0] += control * plain.mass
-    rows[nm:, :n, 0] = closed[nm:]
-    rows[:, n + REFERENCE_COLUMN, 0] = loop.reference(settings) * mass[:, 0]
-    spring = np.zeros((plain.ng, n, 1))
-    spring[:, :nm] = plain.spring
-    read = np.zeros((plain.ny, n, 1))
-    read[:, :nm] = plain.outputs
-    return plain._replace(rows=rows, mass=mass, spring=spring, outputs=read, memory=np.ones(n), nx=n, nu=2, ns=n,
-                          plain=n)

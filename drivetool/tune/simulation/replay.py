@@ -24,7 +24,7 @@ class LoopReplay:
     time                 (n,) [s]
     measured, simulated  role -> (n,)
     fits                 role -> simulation fit [%]; rmse: role -> root mean square error
-    load                 (n,) load torque; reference: assumed speed reference
+    load                 (n,) load torque
     """
 
     time: np.ndarray
@@ -33,7 +33,6 @@ class LoopReplay:
     fits: dict[str, float]
     rmse: dict[str, float]
     load: np.ndarray
-    reference: float
 
 
 def replay_load_step(loop: Loop, settings: Settings, experiment: Experiment) -> LoopReplay:
@@ -69,7 +68,7 @@ def replay_load_step(loop: Loop, settings: Settings, experiment: Experiment) -> 
         fits[role] = fit_percent(y[known], simulated[role][known])
         rmse[role] = float(np.sqrt(np.mean((y - simulated[role])[known] ** 2)))
     return LoopReplay(experiment.time[first:last], measured,
-                      {role: simulated[role] for role in measured}, fits, rmse, load, reference)
+                      {role: simulated[role] for role in measured}, fits, rmse, load)
 
 
 def _first_load_step(load: np.ndarray) -> int | None:
@@ -90,12 +89,11 @@ def _simulate_signals(loop: Loop, settings: Settings, inputs: np.ndarray, start:
     plant = closed_loop(loop, settings, step / parts)
     _, states = simulate_loop(plant, np.repeat(inputs, parts, axis=0), start, step / parts)
     states = states[::parts]
-    one = [np.array([v]) for v in (settings.gain, settings.integral_time, settings.second)]
-    motor = loop.wiring.motors[0]
     if experiment.torque_is == "command":
-        torque = states @ loop.command_rows(motor, *one)[0] + settings.gain * inputs[:, 0]
+        command = loop.command_rows(loop.wiring.motors[0], *settings.columns)[0]
+        torque = states @ command + settings.gain * inputs[:, 0]
     else:
-        torque = states @ loop.outputs([f"{motor}_torque"], *one)[0, 0] + loop.direct * settings.gain * inputs[:, 0]
+        torque = states @ loop.torque_rows(settings)[0] + loop.direct * settings.gain * inputs[:, 0]
     if not all(np.isfinite(states[-1])):
         raise BadRecording("a stable loop", "an unstable one with these gains",
                            "Check that the gains belong to this drive.")

@@ -17,6 +17,7 @@ from .response import (
     absolute_integrals as absolute_integrals,
     decompose as decompose,
 )
+from .sections import MarginsSection as MarginsSection
 from .sensitivity import (
     Plant as Plant,
     forbidden_gains as forbidden_gains,
@@ -25,7 +26,7 @@ from .sensitivity import (
     rate_range as rate_range,
     with_fine_peaks as with_fine_peaks,
 )
-from .stability_margins import Margins as Margins, margins as margins
+from .stability_margins import margins as margins
 from .working_point import (
     FLAT_AT_STANDSTILL as FLAT_AT_STANDSTILL,
     acting_effects as acting_effects,

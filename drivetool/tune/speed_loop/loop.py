@@ -64,6 +64,11 @@ class Settings:
     integral_time: float
     second: float = 1.0
 
+    @property
+    def columns(self) -> tuple[np.ndarray, ...]:
+        """Gain, integral time and K as (1,) each, for functions of many settings."""
+        return tuple(np.array([v]) for v in (self.gain, self.integral_time, self.second))
+
 
 @dataclass(frozen=True)
 class Loop:
@@ -100,8 +105,7 @@ class Loop:
 
     def matrix(self, settings: Settings) -> np.ndarray:
         """(n, n) of the closed loop."""
-        return self.matrices(*(np.array([v]) for v in (
-            settings.gain, settings.integral_time, settings.second)))[0]
+        return self.matrices(*settings.columns)[0]
 
     def matrices(self, gain: np.ndarray, integral_time: np.ndarray, second: np.ndarray) -> np.ndarray:
         """(m, n, n) of the closed loops of m settings, each (m,)."""
@@ -121,6 +125,10 @@ class Loop:
                 found[:, k] += self.direct * self.command_rows(motor, gain, integral_time, second)
         return found
 
+    def torque_rows(self, settings: Settings) -> np.ndarray:
+        """(motors, n) torque of each motor over the state."""
+        return self.outputs([f"{m}_torque" for m in self.wiring.motors], *settings.columns)[0]
+
     def reference_gain(self, motor: str, settings: Settings) -> float:
         """Direct gain from speed reference to the command of a motor."""
         if motor == self.wiring.motors[0] or self.wiring.configuration == "siso":
@@ -136,11 +144,6 @@ class Loop:
             return np.broadcast_to(SHAFT_TORQUE_SHARE * self.rows["shaft_torque"], (len(gain), len(self.a)))
         share = second if motor and kind == "miso" else np.ones_like(gain)
         return gain[:, None] * (integral / integral_time[:, None] - share[:, None] * speed)
-
-
-def channels(wiring: Wiring) -> int:
-    """Number of different commands."""
-    return 1 if wiring.configuration == "siso" else 2
 
 
 def check_wiring(drive: Drive, wiring: Wiring) -> None:
@@ -178,8 +181,9 @@ def build(drive: Drive, wiring: Wiring) -> Loop:
     given, drive = drive, at_working_point(drive, wiring.speed)
     a_m, b_m = mechanics(drive, wiring)
     path, sensor = torque_path(drive, wiring), lag(drive, "sensor").states()
-    reading = _in_series(sensor, Lag(_filter_bandwidth(wiring.speed_filter), order=1).states())
-    nm, npath, nc = len(a_m), len(path[0]), channels(wiring)
+    speed_filter = Lag(1.0 / wiring.speed_filter if wiring.speed_filter else np.inf, order=1)
+    reading = _in_series(sensor, speed_filter.states())
+    nm, npath, nc = len(a_m), len(path[0]), 1 if wiring.configuration == "siso" else 2
     n = nm + nc * npath + len(reading[0]) + 1
     a, integral = np.zeros((n, n)), n - 1
     a[:nm, :nm] = a_m
@@ -303,10 +307,6 @@ def lag_time(drive: Drive, wiring: Wiring) -> float:
     """Delay of slow signals by all elements of the loop except the drive itself [s]."""
     return (drive.value("converter.dead_time") + wiring.speed_filter + lag(drive, "converter").time
             + lag(drive, "sensor").time)
-
-
-def _filter_bandwidth(time: float) -> float:
-    return 1.0 / time if time else np.inf
 
 
 def _channel_inputs(inputs: np.ndarray, wiring: Wiring) -> np.ndarray:

@@ -45,8 +45,25 @@ class Plant:
 
     @cached_property
     def responses(self) -> tuple[np.ndarray, np.ndarray]:
-        """(n,) of the command that takes Kp, and of the one that takes K Kp, zero if there is none."""
-        return _responses(self)
+        """(n,) of the command that takes Kp, and of the one that takes K Kp, zero if there is none.
+
+        An inner shaft-torque loop is closed.
+        """
+        drive, wiring, (a, b) = self.drive, self.wiring, self.chain
+        s = 1j * self.w
+        states = np.linalg.solve(s[:, None, None] * np.eye(len(a)) - a, np.broadcast_to(
+            b[:, :-1].astype(complex), (len(s), len(a), b.shape[1] - 1)))
+        path = path_response(drive, wiring, s)
+        read = path * sensor_response(drive, wiring, s)
+        speeds = states[:, 0, :]
+        if wiring.configuration == "siso":
+            return read * speeds.sum(axis=1), np.zeros_like(s)
+        if wiring.configuration == "miso":
+            return read * speeds[:, 0], read * speeds[:, 1]
+        shaft = states.transpose(0, 2, 1) @ shaft_torque_row(drive)
+        back = SHAFT_TORQUE_SHARE * path
+        inner = speeds[:, 1] * back * shaft[:, 0] / (1.0 - back * shaft[:, 1])
+        return read * (speeds[:, 0] + inner), np.zeros_like(s)
 
     def at(self, w: np.ndarray) -> Plant:
         """The same on other frequencies."""
@@ -61,24 +78,6 @@ class Plant:
     def loop_gain(self, settings: Settings) -> np.ndarray:
         """(n,) L."""
         return settings.gain * self.shape(settings.integral_time, settings.second)
-
-
-def _responses(plant: Plant) -> tuple[np.ndarray, np.ndarray]:
-    """See Plant; an inner shaft-torque loop is closed."""
-    drive, wiring, (a, b) = plant.drive, plant.wiring, plant.chain
-    s = 1j * plant.w
-    states = np.linalg.solve(s[:, None, None] * np.eye(len(a)) - a, np.broadcast_to(
-        b[:, :-1].astype(complex), (len(s), len(a), b.shape[1] - 1)))
-    path = path_response(drive, wiring, s)
-    read = path * sensor_response(drive, wiring, s)
-    speeds = states[:, 0, :]
-    if wiring.configuration == "siso":
-        return read * speeds.sum(axis=1), np.zeros_like(s)
-    if wiring.configuration == "miso":
-        return read * speeds[:, 0], read * speeds[:, 1]
-    shaft = states.transpose(0, 2, 1) @ shaft_torque_row(drive)
-    back = SHAFT_TORQUE_SHARE * path
-    return read * (speeds[:, 0] + speeds[:, 1] * back * shaft[:, 0] / (1.0 - back * shaft[:, 1])), np.zeros_like(s)
 
 
 def rate_range(drive: Drive, wiring: Wiring) -> tuple[float, float]:

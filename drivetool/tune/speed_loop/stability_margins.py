@@ -3,38 +3,21 @@
 from __future__ import annotations
 
 import warnings
-from dataclasses import dataclass
 
 import numpy as np
 
 from drivetool.tune.speed_loop.loop import Settings
+from drivetool.tune.speed_loop.sections import MarginsSection
 from drivetool.tune.speed_loop.sensitivity import Plant, max_sensitivity, with_fine_peaks
 
 
-@dataclass(frozen=True)
-class Margins:
-    """The margins of a loop to instability; infinite without a crossing.
+def margins(plant: Plant, settings: Settings) -> MarginsSection:
+    """Margins of a stable loop to instability, its dead time exact; infinite without a crossing.
 
-    max_sensitivity        Ms; sensitivity_frequency [rad/s] where it is reached
-    gain_margin            smallest factor above one on the loop gain
-    gain_reduction_margin  smallest factor by which the gain may fall; infinite if the loop stays stable for any
-    phase_margin           smallest over all crossovers [deg]; crossover [rad/s] where it occurs
-    delay_margin           smallest further dead time that destabilises [s]
-    """
-
-    max_sensitivity: float
-    sensitivity_frequency: float
-    gain_margin: float
-    gain_reduction_margin: float
-    phase_margin: float
-    crossover: float
-    delay_margin: float
-
-
-def margins(plant: Plant, settings: Settings) -> Margins:
-    """Margins of a stable loop, its dead time exact.
-
-    plant  on its own grid; frequencies around the sensitivity's peaks are added
+    plant    on its own grid; frequencies around the sensitivity's peaks are added
+    returns  Ms and where it is reached; the smallest factor above one on the loop gain, and the smallest by which
+             it may fall, infinite if the loop stays stable for any; the smallest phase margin over all crossovers
+             and where it occurs; the smallest further dead time that destabilises
     """
     import control
 
@@ -50,7 +33,7 @@ def margins(plant: Plant, settings: Settings) -> Margins:
     # From each crossover the phase has to fall by its margin, modulo a turn, to reach -180 degrees.
     delays = np.deg2rad(np.mod(phases, 360.0)) / crossovers
     least = int(np.argmin(np.abs(phases))) if len(phases) else 0
-    return Margins(
-        ms, at, float(above.min(initial=np.inf)), float((1.0 / below).min(initial=np.inf)),
-        float(phases[least]) if len(phases) else np.inf, float(crossovers[least]) if len(phases) else np.nan,
-        float(delays.min(initial=np.inf)))
+    return MarginsSection(
+        ms, at / (2.0 * np.pi), float(above.min(initial=np.inf)), float((1.0 / below).min(initial=np.inf)),
+        float(phases[least]) if len(phases) else np.inf,
+        float(crossovers[least]) / (2.0 * np.pi) if len(phases) else np.nan, float(delays.min(initial=np.inf)))

@@ -7,6 +7,7 @@ from scipy import stats
 from drivetool.site.trends import trends_of, weights
 from drivetool.site.trends.outliers import outliers_of
 from drivetool.site.trends.regression import neighbour_correlation
+from drivetool.site.trends.series import Series
 from tests.check.trends.sites import normal, reported, site, step, student
 
 SEEDS = range(20)  # fixed before the first look
@@ -15,7 +16,7 @@ N = np.arange(25)
 
 
 def outliers(trends):
-    return [(t.series.machine, t.series.parameter, name) for t in trends for name, _ in t.outliers]
+    return [(t.series.machine, t.series.parameter, o.recording) for t in trends for o in t.outliers]
 
 
 @pytest.mark.parametrize("place", [0, 4, 12, 23, 24])
@@ -26,7 +27,7 @@ def test_a_recording_in_another_unit_is_named_wherever_it_is(place):
     finding, = (f for f in findings if f.code == "outlying-recording")
     assert finding.severity == "warning" and name in finding.text
     assert ("It is the newest" in finding.action) == (place == 24)
-    (_, figures), = trends[2].outliers
+    figures, = trends[2].outliers
     assert figures.place == place and figures.expected == pytest.approx(1.5, rel=0.05)
     assert trends[2].mean.recordings == 24 and trends[2].mean.value == pytest.approx(1.5, rel=0.01)
 
@@ -35,7 +36,8 @@ def test_the_figures_are_those_of_leaving_it_out():
     """Without steps, drift and stated std: Student's t of the distance from the mean of the others."""
     values = np.abs(np.random.default_rng(8).normal(size=30)) * (-1.0) ** np.arange(30)
     values[11] = 9.0
-    outlier, = outliers_of(values, np.zeros(30), 7, 5.0)
+    series = Series("press 1", "motor.coulomb", "greybox", "Nm", ("",) * 30, None, values, np.zeros(30))
+    outlier, = outliers_of(series, 7, 5.0)
     others = np.delete(values, 11)
     assert neighbour_correlation(others - others.mean(), 1) == 0.0  # else the chance allows for it
     distance, std = 9.0 - others.mean(), others.std(ddof=1)

@@ -23,21 +23,21 @@ def test_the_interval_covers_and_the_scatter_comes_out(days, per_day):
     found = [random_effects(*drawn(rng, days, per_day)) for _ in range(DRAWS)]
     assert 0.915 <= np.mean([m.ci95[0] <= 5.0 <= m.ci95[1] for m in found]) <= 0.98
     if per_day > 1:
-        assert np.sqrt(np.mean([m.within_day**2 for m in found])) == pytest.approx(S_R, rel=0.1)
+        assert np.sqrt(np.mean([m.std_within_day**2 for m in found])) == pytest.approx(S_R, rel=0.1)
     else:
-        assert found[0].within_day is None
+        assert found[0].std_within_day is None
     if days > 1:
         expected = np.hypot(S_DAY, 0.0 if per_day > 1 else S_R)
-        assert np.sqrt(np.mean([m.between_days**2 for m in found])) == pytest.approx(expected, rel=0.12)
+        assert np.sqrt(np.mean([m.std_between_days**2 for m in found])) == pytest.approx(expected, rel=0.12)
     else:
-        assert found[0].between_days is None
+        assert found[0].std_between_days is None
 
 
 def test_without_days_there_is_one_scatter():
     rng = np.random.default_rng(2)
     values, variances, _ = drawn(rng, 1, 8)
     mean = random_effects(values, variances)
-    assert mean.days is None and mean.between_days is None and mean.recordings == 8
+    assert mean.days is None and mean.std_between_days is None and mean.recordings == 8
     assert mean.ci95[0] < values.mean() < mean.ci95[1]
 
 
@@ -45,7 +45,7 @@ def test_one_recording_has_no_interval_and_equal_ones_have_none_to_speak_of():
     assert random_effects(np.array([2.0]), np.array([0.1])).ci95 is None
     mean = random_effects(np.full(5, 2.0), np.zeros(5), np.arange(5))
     assert mean.value == pytest.approx(2.0) and mean.ci95 == pytest.approx((2.0, 2.0))
-    assert mean.between_days == 0.0 and mean.within_day is None
+    assert mean.std_between_days == 0.0 and mean.std_within_day is None
 
 
 def test_a_recording_that_states_a_large_std_counts_less():
