@@ -58,8 +58,7 @@ def build_experiment(recording: Recording, channel_map: ChannelMap | None = None
     chosen = choose_channels(tuple(recording.channels), channel_map, recording.name, further)
     signals, findings = to_signals(recording, chosen, channel_map)
     units = shared_units(signals, recording.name)
-    cut_record = cut_signals(signals, leader_of({role: s.time for role, s in signals.items()}), steps,
-                             recording.name)
+    cut_record = cut_signals(signals, leader_of(signals), steps, recording.name)
     clean = clean_signals(cut_record.signals, recording.name)
     blank = Experiment(
         recording.name, recording.sha256, 0.0, recording.origin, {}, (), units.torque, units.motion,
