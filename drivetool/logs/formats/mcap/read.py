@@ -65,7 +65,7 @@ def read_mcap(path: Path, choose: Choose, channel_map: ChannelMap | None,
         raise BadRecording(problem.wanted, f"{problem.found}; topics that are not read: {others}",
                            problem.do, problem.available) from None
     parts = _group_by_clock(wanted, names, fields, channel_map, None, display_name(path), lenient)
-    findings += _repeated_topic_findings(source, {fields[part.topic].topic for part in parts})
+    findings += _repeated_topic_findings(source, {source.topics[part.topic].topic for part in parts})
     channels, origin = _decode_parts(source, fields, parts, display_name(path), findings, unreadable, lenient)
     late = sorted({part.topic for part in parts if part.stamp is None
                    for name in part.channels if name in channels and find_batches(channels[name].time)})
