@@ -73,10 +73,6 @@ class Unit:
         """A number or (n,) array in this unit, in SI; the very same bits if it is SI already."""
         return value if self.factor == 1.0 else value * self.factor
 
-    def from_si(self, value):
-        """A number or (n,) array in SI, in this unit."""
-        return value if self.factor == 1.0 else value / self.factor
-
 
 def _normalised(text: str) -> str:
     """The text without what people write differently: blanks, dots, stars, kinds of micro."""

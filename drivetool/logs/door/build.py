@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 
 from drivetool.errors import BadRecording, Finding, NotEnoughData
-from drivetool.logs import INPUTS, MIN_SAMPLES, Experiment, Recording, is_motion, quantity
+from drivetool.logs import INPUTS, MIN_SAMPLES, Experiment, Recording, is_motion, quantity, true_runs
 from drivetool.logs.channels import ChannelMap, choose_channels, shared_units, to_signals
 from drivetool.logs.clocks import CleanSignals, Rate, at_rate, clean_signals, find_rates, leader_of, onto_grid
 from drivetool.logs.conditioning import (
@@ -152,9 +152,7 @@ def _cut_at_missing_torque(segments: Iterable[tuple[int, int]], signals: Mapping
             usable &= np.isfinite(signals[role])
     pieces, missing = [], 0
     for first, last in segments:
-        part = np.concatenate([[False], usable[first:last], [False]])
-        edges = np.flatnonzero(np.diff(part.astype(np.int8)))
-        pieces += [(first + int(a), first + int(b)) for a, b in edges.reshape(-1, 2)]
+        pieces += [(first + int(a), first + int(b)) for a, b in true_runs(usable[first:last])]
         missing += int(np.sum(~usable[first:last]))
     long_enough = tuple(p for p in pieces if p[1] - p[0] >= MIN_SEGMENT)
     total = sum(b - a for a, b in long_enough)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -78,14 +79,14 @@ def inspect_log(path: str | Path, channel_map: ChannelMap | None = None) -> Insp
     """
     recording = read_recording(path, channel_map, choose=list)
     roles, findings = _roles_of_channels(recording, channel_map)
-    clocks: dict[int, _Clock] = {}
+    clocks: dict[int, tuple[np.ndarray, dict[str, Any]]] = {}
     reports = []
     for name, channel in recording.channels.items():
-        clock = clocks.get(id(channel.time))
-        if clock is None:
-            clock = clocks[id(channel.time)] = _inspect_clock(channel.time, name, recording.name)
+        if id(channel.time) not in clocks:
+            clocks[id(channel.time)] = _inspect_clock(channel.time, name, recording.name)
         role = roles.get(name)
-        reports.append(_channel_report(name, channel, role, clock, _channel_unit(channel, role, channel_map)))
+        reports.append(_channel_report(name, channel, role, _channel_unit(channel, role, channel_map),
+                                       *clocks[id(channel.time)]))
     experiment, refused = None, ""
     try:
         steps = [parse_step(text) for text in channel_map.condition] if channel_map else []
@@ -97,12 +98,8 @@ def inspect_log(path: str | Path, channel_map: ChannelMap | None = None) -> Insp
             "warning", "recording-not-usable", f"No step can use {recording.name}: {refused}")]
     findings += [Finding("warning", "log-damaged", f"{name} of {recording.name} cannot be read: {why}.")
                  for name, why in recording.unreadable.items()]
-    return Inspection(recording, tuple(reports), experiment, refused, _unique_findings(findings))
-
-
-def _unique_findings(findings: list[Finding]) -> tuple[Finding, ...]:
-    """Each sentence once."""
-    return tuple({(f.code, f.text): f for f in findings}.values())
+    each_sentence_once = {(f.code, f.text): f for f in findings}
+    return Inspection(recording, tuple(reports), experiment, refused, tuple(each_sentence_once.values()))
 
 
 def _roles_of_channels(recording: Recording,
@@ -131,20 +128,8 @@ def _channel_unit(channel: Channel, role: str | None, channel_map: ChannelMap | 
     return (entry.unit if entry else None) or channel.unit
 
 
-@dataclass(frozen=True)
-class _Clock:
-    """The properties of one clock; see ChannelReport."""
-
-    keep: np.ndarray
-    rate: float | None
-    jitter: float
-    gaps: tuple[tuple[float, float], ...]
-    lost: int
-    description: str
-
-
-def _inspect_clock(time: np.ndarray, name: str, log: str) -> _Clock:
-    """Rate, gaps and jitter; also of a clock that a step would refuse."""
+def _inspect_clock(time: np.ndarray, name: str, log: str) -> tuple[np.ndarray, dict[str, Any]]:
+    """(samples that it keeps; what a ChannelReport says of it), also of a clock that a step would refuse."""
     known = np.flatnonzero(np.abs(time) < MAX_ABS_TIME)
     try:
         clock, findings = clean_clock(time, name, log)
@@ -156,27 +141,25 @@ def _inspect_clock(time: np.ndarray, name: str, log: str) -> _Clock:
         keep = known[np.argsort(time[known], kind="stable")]
         stamps = np.unique(time[known])
     if len(stamps) < 2:
-        return _Clock(keep, None, 0.0, (), 0, description)
+        return keep, {"rate": None, "jitter": 0.0, "gaps": (), "lost": 0, "clock": description}
     found = find_rates(stamps)
     if found:
         description = f"{description} It changes its rate: {', '.join(rate.text for rate in found)}.".lstrip()
     parts = [stamps[(stamps >= a) & (stamps < b)] for rate in found for a, b in rate.windows] or [stamps]
     grids = [(part, fit_grid(part)) for part in parts if len(part) > 1]
     gaps = tuple(sorted((float(part[i]), float(part[i + 1])) for part, grid in grids for i in grid.gaps))
-    return _Clock(keep, 1 / median_step(stamps), max(grid.jitter for _, grid in grids), gaps,
-                  sum(grid.lost for _, grid in grids), description)
+    return keep, {"rate": 1 / median_step(stamps), "jitter": max(grid.jitter for _, grid in grids), "gaps": gaps,
+                  "lost": sum(grid.lost for _, grid in grids), "clock": description}
 
 
-def _channel_report(name: str, channel: Channel, role: str | None, clock: _Clock,
-                    unit: str | None) -> ChannelReport:
-    """The numbers of one channel."""
-    values, time = channel.values[clock.keep], channel.time[clock.keep]
+def _channel_report(name: str, channel: Channel, role: str | None, unit: str | None, keep: np.ndarray,
+                    clock: dict[str, Any]) -> ChannelReport:
+    """The numbers of one channel; clock: what _inspect_clock found."""
+    values, time = channel.values[keep], channel.time[keep]
     finite = values[np.isfinite(values)]
     _, spikes = remove_spikes(values)
     return ChannelReport(
         name, unit, role, len(values), len(values) - len(finite),
-        float(time[0]) if len(time) else 0.0, float(time[-1] - time[0]) if len(time) else 0.0,
-        clock.rate, clock.jitter,
-        float(finite.min()) if len(finite) else None, float(finite.max()) if len(finite) else None,
-        clock.gaps, clock.lost, quantisation_step(values), clock.keep[spikes], hold_count(values),
-        clock.description)
+        start=float(time[0]) if len(time) else 0.0, duration=float(time[-1] - time[0]) if len(time) else 0.0,
+        least=float(finite.min()) if len(finite) else None, most=float(finite.max()) if len(finite) else None,
+        quantum=quantisation_step(values), spikes=keep[spikes], held=hold_count(values), **clock)

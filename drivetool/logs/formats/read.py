@@ -3,26 +3,19 @@
 from __future__ import annotations
 
 import hashlib
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
-from functools import partial
 from pathlib import Path
 
 from drivetool.errors import BadRecording
 from drivetool.logs import Recording, display_name
 from drivetool.logs.channels import ChannelMap, Choose, Reader, choose_channels
-from drivetool.logs.formats.tables import read_parquet
+from drivetool.logs.formats import mcap, tables
 
-
-def read_mcap(path: Path, choose: Choose, channel_map: ChannelMap | None, lenient: bool = False) -> Recording:
-    """See drivetool.logs.formats.mcap.read; imported here, since a Parquet log does not need it."""
-    from drivetool.logs.formats.mcap import read_mcap as read
-
-    return read(path, choose, channel_map, lenient)
-
-
-READERS: Mapping[str, Reader] = {".parquet": read_parquet, ".mcap": read_mcap}
+# By a call, which loads the reader: a log of one format does not need that of the other.
+READERS: Mapping[str, Callable[[], Reader]] = {
+    ".parquet": lambda: tables.read_parquet, ".mcap": lambda: mcap.read_mcap}
 
 
 def read_recording(path: str | Path, channel_map: ChannelMap | None = None,
@@ -47,13 +40,14 @@ def read_recording(path: str | Path, channel_map: ChannelMap | None = None,
                            "Export the log to Parquet or MCAP.", READERS)
     if not path.is_dir() and path.stat().st_size == 0:
         raise BadRecording(f"data in {display_name(path)}", "an empty file", "Record or export it again.")
-    lenient = choose is not None
-    if choose is None:
-        choose = partial(_channels_of_roles, channel_map=channel_map, log=display_name(path), further=further)
+
+    def of_roles(available: Sequence[str]) -> Sequence[str]:
+        return list(choose_channels(available, channel_map, display_name(path), further).values())
+
     with ThreadPoolExecutor(1) as pool:
         # Beside the reading: it takes a quarter of the time, and both let go of the interpreter.
         sha256 = pool.submit(_file_digest, path)
-        recording = READERS[kind](path, choose, channel_map, lenient)
+        recording = READERS[kind]()(path, choose or of_roles, channel_map, lenient=choose is not None)
         return replace(recording, sha256=sha256.result())
 
 
@@ -65,9 +59,3 @@ def _file_digest(path: Path) -> str:
                                       for part in parts).encode()).hexdigest()
     with path.open("rb") as file:
         return hashlib.file_digest(file, "sha256").hexdigest()
-
-
-def _channels_of_roles(available: Sequence[str], channel_map: ChannelMap | None, log: str,
-                       further: Sequence[str]) -> Sequence[str]:
-    """The channels that play a role."""
-    return list(choose_channels(available, channel_map, log, further).values())

@@ -12,7 +12,7 @@ from dataclasses import replace
 import numpy as np
 
 from drivetool.errors import Finding
-from drivetool.logs import INPUTS, Experiment, Signal, median_step, quantity
+from drivetool.logs import INPUTS, Experiment, Signal, median_step, quantity, true_runs
 from drivetool.logs.samples.spikes import STD_PER_MAD, hold_count, quantisation_step, remove_spikes, running_median
 
 # A choice: fewer samples give no shares to test; more do not change whether a sensor is quantised, and take longer.
@@ -120,7 +120,7 @@ def _detect_saturated(role: str, values: np.ndarray, _: np.ndarray) -> Detection
         there = values == end
         # Standstill is exactly zero without saturation.
         if end == 0.0 or there.sum() < max(MIN_SATURATED_SHARE * len(known), MIN_SATURATED_RUN) or \
-                _longest_run(there) < MIN_SATURATED_RUN:
+                np.diff(true_runs(there)).max() < MIN_SATURATED_RUN:
             continue
         missing |= there
         findings.append(Finding(
@@ -190,9 +190,3 @@ def _has_noise(values: np.ndarray) -> bool:
     """Whether a signal has noise, so that steady motion does not repeat its values."""
     change = np.diff(values)
     return bool(np.mean(change[1:] * change[:-1] < 0.0) > MIN_REVERSAL_SHARE)
-
-
-def _longest_run(mask: np.ndarray) -> int:
-    """Length of the longest run of true values."""
-    edges = np.flatnonzero(np.diff(np.concatenate([[False], mask, [False]]).astype(np.int8)))
-    return int((edges[1::2] - edges[::2]).max(initial=0))
