@@ -39,7 +39,7 @@ def to_signals(recording: Recording, chosen: Mapping[str, str],
     """
     signals: dict[str, Signal] = {}
     findings: list[Finding] = []
-    stamps_by_mask: list[tuple[Channel, np.ndarray, np.ndarray]] = []
+    known_stamps: dict[tuple[int, bytes], np.ndarray] = {}
     for role in ordered_roles(chosen):
         channel = recording.channels[chosen[role]]
         entry = channel_map.roles[role] if channel_map else RoleEntry(chosen[role])
@@ -52,7 +52,9 @@ def to_signals(recording: Recording, chosen: Mapping[str, str],
         time, empty_stamps, invalid_count = channel.time, np.zeros(0), 0
         if not known.all():
             invalid_count = int(np.sum(~known & ~np.isnan(values)))
-            time, empty_stamps, values = _known_stamps(channel, known, stamps_by_mask), time[~known], values[known]
+            # One array for all channels of a clock that lack the same stamps.
+            time = known_stamps.setdefault((id(channel.time), known.tobytes()), channel.time[known])
+            empty_stamps, values = channel.time[~known], values[known]
         if entry.shift:
             time, empty_stamps = time + entry.shift, empty_stamps + entry.shift
             findings.append(Finding(
@@ -76,16 +78,6 @@ def _require_plausible_shift(signals: Mapping[str, Signal], channel_map: Channel
             raise BadRecording(f"a shift after which {role} overlaps the other signals in {log}",
                                f"{shift:g} s in a record of {last - first:.3g} s",
                                "Correct `shift`, in seconds, in the channel map.")
-
-
-def _known_stamps(channel: Channel, known: np.ndarray,
-                  stamps_by_mask: list[tuple[Channel, np.ndarray, np.ndarray]]) -> np.ndarray:
-    """The known stamps of a channel; one array for all channels of a clock that lack the same ones."""
-    for other, mask, time in stamps_by_mask:
-        if other.time is channel.time and np.array_equal(mask, known):
-            return time
-    stamps_by_mask.append((channel, known, channel.time[known]))
-    return stamps_by_mask[-1][2]
 
 
 def _convert_channel(channel: Channel, entry: RoleEntry, role: str,
