@@ -76,10 +76,12 @@ class Assembly:
         self.acting = {shared(n) for n in layout.free} | {
             shared(n) for n, v in drive.values.items() if v is not None and v != drive.quantity(n).neutral}
         self.states = [f"{b}.speed" for b in drive.bodies] + [f"{s}.twist" for s in drive.shafts]
-        if angle_roles(layout) or self._needs_angle():
+        angles = [role for role in layout.outputs if role.endswith("angle")]
+        if angles or self._needs_angle():
             self.states.append("angle")
-        # Every further encoder has its own zero, a constant in the start state.
-        self.states += [f"{role}.zero" for role in angle_roles(layout)[1:]]
+        # The first encoder defines where the motor's angle is zero; each further one has its own, a constant in the
+        # start state.
+        self.states += [f"{role}.zero" for role in angles[1:]]
         if "converter.bandwidth" in self.acting:
             self.states += ["converter", "converter.rate"][:self.lag_order("converter.order")]
         if self.filters_speed():
@@ -354,8 +356,3 @@ def _output_states(outputs: np.ndarray, gap: np.ndarray) -> np.ndarray:
         if gap[m] < 0 and used.size == 1 and rows[used[0], 0] == 1.0 and not rows[used[0], 1:].any():
             found[m] = used[0]
     return found
-
-
-def angle_roles(layout: Layout) -> tuple[str, ...]:
-    """The outputs that are angles; the first one defines where the motor's angle is zero."""
-    return tuple(role for role in layout.outputs if role.endswith("angle"))

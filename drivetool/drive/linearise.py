@@ -87,8 +87,7 @@ def _matrices(drive: Drive) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         twist = np.zeros(n)
         twist[k], twist[k + 1] = 1.0 / ratio.v, -1.0
         stiffness += ks.v * np.outer(twist, twist)
-        both = damping_of(plain, k)
-        damping += both.v * np.outer(twist, twist)
+        damping += damping_of(plain, k).v * np.outer(twist, twist)
     damping += np.diag([plain.of_body(k, "viscous").v for k in range(n)])
     return np.array([mass.v for mass in plain.masses]), stiffness, damping
 

@@ -131,11 +131,12 @@ def _on_clean_clocks(signals: Mapping[str, Signal], log: str) -> tuple[dict[str,
     for time, roles in groups:
         # A held torque repeats its values in any log: alone it does not show rows that were logged twice.
         sensor_values = [] if set(roles) <= set(INPUTS) else [signals[role].values for role in roles]
-        clock, new = clean_clock(time, ", ".join(roles), log, sensor_values, signals[roles[0]].empty_stamps)
-        if len(clock.time) > 1:
-            _refuse_vast(float(np.ptp(clock.time)) / median_step(clock.time), len(clock.time), log)
+        at, keep, new = clean_clock(time, ", ".join(roles), log, sensor_values, signals[roles[0]].empty_stamps)
+        if len(at) > 1:
+            _refuse_vast(float(np.ptp(at)) / median_step(at), len(at), log)
         findings += new
-        clean |= {role: Signal(clock.time, clock.of(signals[role].values), signals[role].si) for role in roles}
+        clean |= {role: Signal(at, values if keep is None else values[keep], signals[role].si)
+                  for role in roles for values in [signals[role].values]}
     findings += [f for role in signals
                  for f in _missing_values_findings(role, signals[role], clean[role].time, log)]
     return {role: clean[role] for role in signals}, findings

@@ -132,10 +132,9 @@ def _inspect_clock(time: np.ndarray, name: str, log: str) -> tuple[np.ndarray, d
     """(samples that it keeps; what a ChannelReport says of it), also of a clock that a step would refuse."""
     known = np.flatnonzero(np.abs(time) < MAX_ABS_TIME)
     try:
-        clock, findings = clean_clock(time, name, log)
+        stamps, kept, findings = clean_clock(time, name, log)
         description = " ".join(f.text for f in findings)
-        keep = known if clock.keep is None else clock.keep
-        stamps = clock.time
+        keep = known if kept is None else kept
     except BadRecording as problem:
         description = f"wanted {problem.wanted}; found {problem.found}."
         keep = known[np.argsort(time[known], kind="stable")]
