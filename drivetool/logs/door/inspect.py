@@ -58,14 +58,13 @@ class Inspection:
     """What was found in a log.
 
     recording   all its numeric channels; channels: a report on each
-    experiment  what a step would get, or None with the sentence `refused`
+    experiment  what a step would get, or None where none can use the log: a finding says why
     findings    of the reader, and of the experiment if there is one
     """
 
     recording: Recording
     channels: tuple[ChannelReport, ...]
     experiment: Experiment | None
-    refused: str
     findings: tuple[Finding, ...]
 
 
@@ -87,19 +86,18 @@ def inspect_log(path: str | Path, channel_map: ChannelMap | None = None) -> Insp
         role = roles.get(name)
         reports.append(_channel_report(name, channel, role, _channel_unit(channel, role, channel_map),
                                        *clocks[id(channel.time)]))
-    experiment, refused = None, ""
+    experiment = None
     try:
         steps = [parse_step(text) for text in channel_map.condition] if channel_map else []
         experiment = build_experiment(recording, channel_map, steps)
         findings = [*experiment.findings, *findings]
     except DriveToolError as problem:
-        refused = str(problem)
         findings = [*recording.findings, *findings, Finding(
-            "warning", "recording-not-usable", f"No step can use {recording.name}: {refused}")]
+            "warning", "recording-not-usable", f"No step can use {recording.name}: {problem}")]
     findings += [Finding("warning", "log-damaged", f"{name} of {recording.name} cannot be read: {why}.")
                  for name, why in recording.unreadable.items()]
     each_sentence_once = {(f.code, f.text): f for f in findings}
-    return Inspection(recording, tuple(reports), experiment, refused, tuple(each_sentence_once.values()))
+    return Inspection(recording, tuple(reports), experiment, tuple(each_sentence_once.values()))
 
 
 def _roles_of_channels(recording: Recording,
