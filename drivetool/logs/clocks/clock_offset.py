@@ -34,7 +34,8 @@ def clock_offsets(signals: Mapping[str, Signal], log: str) -> list[Finding]:
                                 key=lambda pair: _body_of_role(pair[0]) != _body_of_role(pair[1])):
         a, b = signals[first], signals[second]
         pair = (a.time, b.time)
-        if np.array_equal(a.time, b.time) or any(_same_clocks(pair, other) for other in compared_pairs):
+        if np.array_equal(a.time, b.time) or any(
+                all(map(np.array_equal, pair, other)) for other in compared_pairs):
             continue
         found = estimate_clock_offset(a, b, quantity(first) == "angle", quantity(second) == "angle")
         if found is None:
@@ -54,10 +55,6 @@ def clock_offsets(signals: Mapping[str, Signal], log: str) -> list[Finding]:
 
 def _body_of_role(role: str) -> str:
     return role.rpartition("_")[0]
-
-
-def _same_clocks(pair: tuple, other: tuple) -> bool:
-    return all(np.array_equal(x, y) for x, y in zip(pair, other, strict=True))
 
 
 def estimate_clock_offset(a: Signal, b: Signal, a_is_angle: bool,

@@ -83,9 +83,8 @@ def inspect_log(path: str | Path, channel_map: ChannelMap | None = None) -> Insp
     for name, channel in recording.channels.items():
         if id(channel.time) not in clocks:
             clocks[id(channel.time)] = _inspect_clock(channel.time, name, recording.name)
-        role = roles.get(name)
-        reports.append(_channel_report(name, channel, role, _channel_unit(channel, role, channel_map),
-                                       *clocks[id(channel.time)]))
+        role, unit = roles.get(name, (None, None))
+        reports.append(_channel_report(name, channel, role, unit or channel.unit, *clocks[id(channel.time)]))
     experiment = None
     try:
         steps = [parse_step(text) for text in channel_map.condition] if channel_map else []
@@ -100,9 +99,9 @@ def inspect_log(path: str | Path, channel_map: ChannelMap | None = None) -> Insp
     return Inspection(recording, tuple(reports), experiment, tuple(each_sentence_once.values()))
 
 
-def _roles_of_channels(recording: Recording,
-                       channel_map: ChannelMap | None) -> tuple[dict[str, str], list[Finding]]:
-    """(channel -> role, roles of the map without a channel)."""
+def _roles_of_channels(recording: Recording, channel_map: ChannelMap | None,
+                       ) -> tuple[dict[str, tuple[str, str | None]], list[Finding]]:
+    """(channel -> role and the unit that the map gives; roles of the map without a channel)."""
     entries = channel_map.roles if channel_map else {role: RoleEntry(role) for role in ROLES}
     roles, findings = {}, []
     for role, entry in entries.items():
@@ -112,18 +111,12 @@ def _roles_of_channels(recording: Recording,
             findings.append(Finding("warning", "channel-map-mismatch", f"{role}: {problem}"))
             continue
         if name is not None:
-            roles[name] = role
+            roles[name] = role, entry.unit
         elif channel_map:
             findings.append(Finding(
                 "warning", "channel-map-mismatch", f"There is no channel '{entry.channel}' for {role} "
                 f"in {recording.name}.", {"role": role}, "Correct the channel map."))
     return roles, findings
-
-
-def _channel_unit(channel: Channel, role: str | None, channel_map: ChannelMap | None) -> str | None:
-    """The unit that the map gives, or the log."""
-    entry = channel_map.roles.get(role) if channel_map and role else None
-    return (entry.unit if entry else None) or channel.unit
 
 
 def _inspect_clock(time: np.ndarray, name: str, log: str) -> tuple[np.ndarray, dict[str, Any]]:

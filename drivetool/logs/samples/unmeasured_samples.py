@@ -83,13 +83,11 @@ def _detect_held(role: str, values: np.ndarray, time: np.ndarray) -> Detection:
 
 def _detect_interpolated(role: str, values: np.ndarray, time: np.ndarray) -> Detection:
     """Sensors of which a logger has drawn straight lines between the values that it had."""
-    inside, none = _between_neighbours(values), np.zeros(len(values), bool)
-    if inside.mean() < MIN_ON_LINE_SHARE:
-        return none, []
+    inside = _between_neighbours(values)
     lengths = np.diff(np.flatnonzero(~inside & np.isfinite(values)))
     usual = int(np.median(lengths)) if len(lengths) else 0
-    if usual < 2 or np.mean(lengths == usual) < MIN_EQUAL_PIECES_SHARE:
-        return none, []
+    if inside.mean() < MIN_ON_LINE_SHARE or usual < 2 or np.mean(lengths == usual) < MIN_EQUAL_PIECES_SHARE:
+        return np.zeros(len(values), bool), []
     step = median_step(time)
     return inside, [Finding(
         "warning", "samples-not-measured", f"{role} is linear over {usual} samples each: it was measured at "

@@ -220,7 +220,8 @@ def _damage_findings(source: McapSource) -> list[Finding]:
     if not source.damage:
         return []
     evidence, of = {"messages": source.count, "places": len(source.damage)}, ""
-    if source.recorded is not None and source.recorded > source.count + source.repeated_count:
+    if source.recorded is not None and source.recorded > source.count + sum(
+            each.count for each, _ in source.repeated):
         evidence["recorded"] = source.recorded
         of = f" of {source.recorded}"
     return [Finding("warning", "log-damaged",

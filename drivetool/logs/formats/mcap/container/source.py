@@ -84,11 +84,6 @@ class McapSource:
         """Messages that can be read, those that are there twice once."""
         return sum(topic.count for topic in self.topics.values())
 
-    @property
-    def repeated_count(self) -> int:
-        """Messages that are left out, since another channel holds them."""
-        return sum(each.count for each, _ in self.repeated)
-
     def blocks(self) -> Iterator[Block]:
         """The blocks with messages once more."""
         return iter(self._kept) if self._kept is not None else self._read([])

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from contextlib import suppress
 from dataclasses import dataclass
 from typing import Any
 
@@ -97,10 +98,8 @@ def open_topic(topic: Topic) -> Fields:
             raise BrokenMessage(f"the definition of its schema {topic.schema.name} is empty")
     trees = []
     for sample in topic.samples:
-        try:
+        with suppress(*DECODE_ERRORS):
             trees.append(walk(sample).tree)
-        except DECODE_ERRORS:
-            continue
 
     if not trees:
         raise BrokenMessage("messages that do not match their schema")
