@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
 
@@ -111,18 +111,8 @@ def _convert_channel(channel: Channel, entry: RoleEntry, role: str,
     return unit.to_si(values), unit.si, findings
 
 
-@dataclass(frozen=True)
-class RecordUnits:
-    """Of a record: of its torques and motions, and roles whose torque is in another one; what is odd about them."""
-
-    torque: str
-    motion: str
-    inputs: Mapping[str, str]
-    findings: tuple[Finding, ...]
-
-
-def shared_units(signals: Mapping[str, Signal], log: str) -> RecordUnits:
-    """The units of the record.
+def shared_units(signals: Mapping[str, Signal], log: str) -> tuple[str, str, dict[str, str], list[Finding]]:
+    """(unit of the torques of a record, of its motions; roles whose torque is in another unit -> that; findings).
 
     The chain has one torque unit and one motion unit; only a table behind a ratio may move in
     another one than the motors, and the motors may be fed with A, V or % beside other torques in Nm or N.
@@ -153,7 +143,7 @@ def shared_units(signals: Mapping[str, Signal], log: str) -> RecordUnits:
             "warning", "units-mixed", f"The torque is in {torque} but the motion in {motion}; the "
             f"inertias have the unit {torque} s^2/{motion}.", {"torque_unit": torque, "motion_unit": motion},
             "Check the units of the two channels."))
-    return RecordUnits(torque, motion, inputs, tuple(findings))
+    return torque, motion, inputs, findings
 
 
 def in_si(recording: Recording, channel_map: ChannelMap | None) -> Recording:

@@ -87,7 +87,9 @@ def onto_grid(clean: CleanSignals, log: str) -> GriddedSignals:
     raises   BadRecording: clocks that do not overlap
     """
     signals, time, findings = clean.signals, clean.time, []
-    grid, at = _divided_grid(time, _input_steps_per_interval(time, signals), log)
+    # A step is divided for the fastest input.
+    fastest = min((median_step(signals[role].time) for role in INPUTS if role in signals), default=np.inf)
+    grid, at = _divided_grid(time, max(1, round(median_step(time) / fastest)), log)
     placed: dict[str, np.ndarray] = {}
     slowed: dict[str, float] = {}
     converted = not grid.uniform
@@ -189,12 +191,6 @@ def leader_of(signals: Mapping[str, Signal]) -> str:
     fastest = min(own.values())
     return max((role for role in own if own[role] <= (1 + STEP_TOLERANCE) * fastest),
                key=lambda role: len(signals[role].time))
-
-
-def _input_steps_per_interval(time: np.ndarray, signals: Mapping[str, Signal]) -> int:
-    """Into how many parts a step between stamps (n,) is divided, for the fastest input."""
-    fastest = min((median_step(signals[role].time) for role in INPUTS if role in signals), default=np.inf)
-    return max(1, round(median_step(time) / fastest))
 
 
 def _divided_grid(time: np.ndarray, parts: int, log: str) -> tuple[Grid, np.ndarray]:

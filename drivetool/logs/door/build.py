@@ -57,13 +57,13 @@ def build_experiment(recording: Recording, channel_map: ChannelMap | None = None
     """
     chosen = choose_channels(tuple(recording.channels), channel_map, recording.name, further)
     signals, findings = to_signals(recording, chosen, channel_map)
-    units = shared_units(signals, recording.name)
+    torque_unit, motion_unit, input_units, mixed = shared_units(signals, recording.name)
     cut_record = cut_signals(signals, leader_of(signals), steps, recording.name)
     clean = clean_signals(cut_record.signals, recording.name)
     blank = Experiment(
-        recording.name, recording.sha256, 0.0, recording.origin, {}, (), units.torque, units.motion,
+        recording.name, recording.sha256, 0.0, recording.origin, {}, (), torque_unit, motion_unit,
         channel_map.torque_is if channel_map else "unknown",
-        (*recording.findings, *findings, *units.findings, *cut_record.findings), input_units=units.inputs,
+        (*recording.findings, *findings, *mixed, *cut_record.findings), input_units=input_units,
         magnitudes=tuple(r for r, entry in channel_map.roles.items() if entry.unsigned) if channel_map else ())
     if found_rates := find_rates(clean.time):
         return _experiment_at_rates(blank, clean, cut_record, found_rates)

@@ -29,11 +29,8 @@ def time_column(schema: pa.Schema, entry: TimeEntry | None, log: str) -> str | N
             raise BadRecording(f"time channel '{entry.channel}'", f"no such column in {log}",
                                "Correct `time` in the channel map.", schema.names)
         return entry.channel
-    for known in TIME_NAMES:
-        for name in schema.names:
-            if re.fullmatch(rf"{known}(_?\[?(s|ms|us|ns)\]?)?", name.strip().lower()):
-                return name
-    return None
+    return next((name for known in TIME_NAMES for name in schema.names
+                 if re.fullmatch(rf"{known}(_?\[?(s|ms|us|ns)\]?)?", name.strip().lower())), None)
 
 
 def table_time(table: pa.Table, column: str, schema: pa.Schema, entry: TimeEntry | None,
@@ -71,11 +68,16 @@ def table_time(table: pa.Table, column: str, schema: pa.Schema, entry: TimeEntry
 
 def origin_of(schema: pa.Schema) -> float:
     """`origin` [s] in the metadata of a table, from which its seconds are counted; 0 if there is none."""
+    return _metadata_number(schema, b"origin")
+
+
+def _metadata_number(schema: pa.Schema, key: bytes) -> float:
+    """A number in the metadata of a table; 0 if there is none, or none that is finite."""
     try:
-        origin = float((schema.metadata or {}).get(b"origin", 0))
+        found = float((schema.metadata or {}).get(key, 0))
     except ValueError:
         return 0.0
-    return origin if np.isfinite(origin) else 0.0
+    return found if np.isfinite(found) else 0.0
 
 
 def _time_unit(column: str, schema: pa.Schema, steps: tuple, entry: TimeEntry | None) -> str | None:
@@ -104,12 +106,8 @@ def _from_ticks(column: pa.ChunkedArray, per_second: int, entry: TimeEntry | Non
 
 def from_step(schema: pa.Schema, count: int, log: str) -> np.ndarray:
     """Time of a table without a time column, from `step` in its metadata."""
-    text = (schema.metadata or {}).get(b"step")
-    try:
-        step = float(text) if text else 0.0
-    except ValueError:
-        step = 0.0
-    if not (np.isfinite(step) and step > 0):
+    step = _metadata_number(schema, b"step")
+    if not step > 0:
         raise BadRecording(f"a time column in {log}", f"columns {', '.join(schema.names[:20])}",
                            "Name it with `time: {channel: ..., unit: ...}` in the channel map.", TIME_NAMES)
     return np.arange(count) * step
