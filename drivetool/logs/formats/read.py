@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import hashlib
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
 from pathlib import Path
@@ -11,11 +11,17 @@ from pathlib import Path
 from drivetool.errors import BadRecording
 from drivetool.logs import Recording, display_name
 from drivetool.logs.channels import ChannelMap, Choose, Reader, choose_channels
-from drivetool.logs.formats import mcap, tables
+from drivetool.logs.formats.tables import read_parquet
 
-# By a call, which loads the reader: a log of one format does not need that of the other.
-READERS: Mapping[str, Callable[[], Reader]] = {
-    ".parquet": lambda: tables.read_parquet, ".mcap": lambda: mcap.read_mcap}
+
+def read_mcap(path: Path, choose: Choose, channel_map: ChannelMap | None, lenient: bool = False) -> Recording:
+    """See drivetool.logs.formats.mcap.read; imported here, since a Parquet log does not need it."""
+    from drivetool.logs.formats.mcap import read_mcap as read
+
+    return read(path, choose, channel_map, lenient)
+
+
+READERS: Mapping[str, Reader] = {".parquet": read_parquet, ".mcap": read_mcap}
 
 
 def read_recording(path: str | Path, channel_map: ChannelMap | None = None,
@@ -47,7 +53,7 @@ def read_recording(path: str | Path, channel_map: ChannelMap | None = None,
     with ThreadPoolExecutor(1) as pool:
         # Beside the reading: it takes a quarter of the time, and both let go of the interpreter.
         sha256 = pool.submit(_file_digest, path)
-        recording = READERS[kind]()(path, choose or of_roles, channel_map, lenient=choose is not None)
+        recording = READERS[kind](path, choose or of_roles, channel_map, lenient=choose is not None)
         return replace(recording, sha256=sha256.result())
 
 
