@@ -16,7 +16,7 @@ import numpy as np
 from drivetool.drive.arrays import System
 from drivetool.drive.chain import TOTALS, Drive, body_shares
 from drivetool.drive.dual import Dual
-from drivetool.drive.effects import EFFECTS, FLUXES, VOLTAGES, torque_constant
+from drivetool.drive.effects import EFFECTS, FLUXES, VOLTAGES, Effect, torque_constant
 from drivetool.drive.shaft_rows import always_transmitted, in_contact
 from drivetool.errors import BadParameters
 from drivetool.quantity import name_of, owner_of, shared
@@ -59,7 +59,14 @@ class Law:
 
 
 class Assembly:
-    """The equations under construction; effects call `torque`, `couple`, `gap` and so on."""
+    """The equations under construction, which effects add to.
+
+    rows          (row, column) -> factor; masses: which the torques of each body accelerate
+    shafts        (stiffness, damping, ratio) of each joint; gaps: shaft -> half width of its dead zone
+    open_damping  shaft -> damping whether or not it is in contact
+    frictions     body -> level of set-valued friction; laws: smooth ones
+    dead_time     by which the motor torque acts later [s]
+    """
 
     def __init__(self, drive: Drive, layout: Layout):
         self.drive, self.layout = drive, layout
@@ -69,11 +76,13 @@ class Assembly:
         self.acting = {shared(n) for n in layout.free} | {
             shared(n) for n, v in drive.values.items() if v is not None and v != drive.quantity(n).neutral}
         self.states = [f"{b}.speed" for b in drive.bodies] + [f"{s}.twist" for s in drive.shafts]
-        if angle_roles(layout) or self._needs_angle():
+        angles = [role for role in layout.outputs if role.endswith("angle")]
+        if angles or self._needs_angle():
             self.states.append("angle")
-        # Every further encoder has its own zero, a constant in the start state.
-        self.states += [f"{role}.zero" for role in angle_roles(layout)[1:]]
-        if self.acts_on_path("bandwidth"):
+        # The first encoder defines where the motor's angle is zero; each further one has its own, a constant in the
+        # start state.
+        self.states += [f"{role}.zero" for role in angles[1:]]
+        if "converter.bandwidth" in self.acting:
             self.states += ["converter", "converter.rate"][:self.lag_order("converter.order")]
         if self.filters_speed():
             self.states += ["motor_speed.filtered", "motor_speed.filtered.rate"][:self.lag_order("sensor.order")]
@@ -91,8 +100,9 @@ class Assembly:
         self.frictions: dict[int, Dual] = {}
         self.laws: list[Law] = []
         self.dead_time = self.number(0.0)
-        for effect, _, index in drive.effects():
-            effect.stamp(self, index)
+        for effect, owner, index in drive.effects():
+            if self._is_present(effect, owner):
+                effect.stamp(self, index)
         self._kinematics()
 
     # used by the effects
@@ -115,8 +125,8 @@ class Assembly:
     def of_body(self, body: int, suffix: str) -> Dual:
         """A body's parameter; a total is distributed by the rule at TOTALS in chain.py."""
         name = name_of(self.drive.bodies[body], suffix)
-        scaled = suffix in FRICTION_SUFFIXES and self.acts_on_friction("factor")
-        factor = self.of_friction("factor") if scaled else self.number(1.0)
+        scaled = suffix in FRICTION_SUFFIXES and "friction.factor" in self.acting
+        factor = self.parameter("friction.factor") if scaled else self.number(1.0)
         for total, part in TOTALS.items():
             if part == suffix and (total in self.drive.values or total in self.layout.free):
                 return self.parameter(total) * self._share(suffix, body) * factor
@@ -136,33 +146,9 @@ class Assembly:
         """A shaft's parameter."""
         return self.parameter(name_of(self.drive.shafts[shaft], suffix))
 
-    def of_path(self, suffix: str) -> Dual:
-        """A parameter of the torque path."""
-        return self.parameter(f"converter.{suffix}")
-
-    def of_sensor(self, suffix: str) -> Dual:
-        """A parameter of the motor speed sensor."""
-        return self.parameter(f"sensor.{suffix}")
-
-    def of_friction(self, suffix: str) -> Dual:
-        """A parameter of the friction of all bodies."""
-        return self.parameter(f"friction.{suffix}")
-
     def acts(self, body: int, suffix: str) -> bool:
         """Whether a body's effect is present: not neutral, or free."""
         return name_of(self.drive.bodies[body], suffix) in self.acting
-
-    def acts_on_shaft(self, shaft: int, suffix: str) -> bool:
-        """Whether a shaft's effect is present."""
-        return name_of(self.drive.shafts[shaft], suffix) in self.acting
-
-    def acts_on_path(self, suffix: str) -> bool:
-        """Whether an effect of the torque path is present."""
-        return f"converter.{suffix}" in self.acting
-
-    def acts_on_friction(self, suffix: str) -> bool:
-        """Whether an effect of the friction of all bodies is present."""
-        return f"friction.{suffix}" in self.acting
 
     def filters_speed(self) -> bool:
         """Whether the motor speed is low-pass filtered before it is logged."""
@@ -174,8 +160,13 @@ class Assembly:
 
     def _needs_angle(self) -> bool:
         """Whether a torque depends on the angle."""
-        return any(effect.over_angle and name_of(owner, suffix) in self.acting
-                   for effect, owner, _ in self.drive.effects() for suffix in effect.present)
+        return any(effect.over_angle and self._is_present(effect, owner)
+                   for effect, owner, _ in self.drive.effects())
+
+    def _is_present(self, effect: Effect, owner: str) -> bool:
+        """Whether an effect acts: always, by a parameter that is not neutral or is free, or by its total."""
+        return not effect.present or any(
+            suffix in TOTALS.values() or name_of(owner, suffix) in self.acting for suffix in effect.present)
 
     def speed(self, body: int) -> int:
         """Column of a body's speed."""
@@ -185,10 +176,6 @@ class Assembly:
         """Add factor * z[column] to a row."""
         old = self.rows.get((row, column))
         self.rows[row, column] = factor if old is None else old + factor
-
-    def inertia(self, body: int, value: Dual) -> None:
-        """The mass that a body's torques accelerate."""
-        self.masses.append(value)
 
     def carry(self, body: int, more: Dual) -> None:
         """Add to the mass that a body's torques accelerate."""
@@ -225,18 +212,6 @@ class Assembly:
             row[self.n + k] = self.number(-1.0)
         return row
 
-    def couple(self, shaft: int, stiffness: Dual, damping: Dual, ratio: Dual) -> None:
-        """Join two neighbours; `gap` adds a gap to the joint."""
-        self.shafts.append((stiffness, damping, ratio))
-
-    def gap(self, shaft: int, half: Dual) -> None:
-        """Put a dead zone of half width `half` into a shaft."""
-        self.gaps[shaft] = half
-
-    def damp(self, shaft: int, damping: Dual) -> None:
-        """Damp a shaft whether or not it is in contact."""
-        self.open_damping[shaft] = damping
-
     def lag_order(self, name: str) -> int:
         """Order of a lag, which cannot be a free parameter."""
         value = self.drive.value(name)
@@ -245,9 +220,10 @@ class Assembly:
                                 else f"{value:g}", "Correct it.")
         return int(value)
 
-    def lag(self, state: int, source: int, bandwidth: Dual, damping: Dual, order: int) -> None:
-        """Let a state follow a column as a lag; of order 2 its rate is the next state."""
-        if order == 1:
+    def lag(self, state: int, source: int, owner: str) -> None:
+        """Let a state follow a column as the owner's lag; of order 2 its rate is the next state."""
+        bandwidth, damping = (self.parameter(f"{owner}.{s}") for s in ("bandwidth", "damping"))
+        if self.lag_order(f"{owner}.order") == 1:
             self.torque(state, source, bandwidth)
             self.torque(state, state, -bandwidth)
             return
@@ -256,16 +232,6 @@ class Assembly:
         self.torque(state + 1, state, -square)
         self.torque(state + 1, state + 1, -2.0 * damping * bandwidth)
         self.torque(state + 1, source, square)
-
-    def lagged_input(self, bandwidth: Dual, damping: Dual) -> None:
-        """Let the motor torque follow its command as a lag."""
-        state = self.states.index("converter")
-        self.lag(state, self.nx, bandwidth, damping, self.lag_order("converter.order"))
-        self.torque(0, state, torque_constant.gain(self, 0))
-
-    def delay(self, dead_time: Dual) -> None:
-        """Let the motor torque act later."""
-        self.dead_time = dead_time
 
     # given by the chain itself
 
@@ -286,15 +252,12 @@ class Assembly:
             self.torque(twist, k, 1.0 / ratio)
             self.torque(twist, k + 1, -one)
             for column, factor in always_transmitted(self, k).items():
-                self._on_both_ends(k, column, factor)
+                self.torque(k, column, -factor / ratio)
+                self.torque(k + 1, column, factor)
         if "angle" in self.states:
             self.torque(self.states.index("angle"), 0, one)
         if "disturbance" in self.states:
             self.torque(0, self.states.index("disturbance"), one)
-
-    def _on_both_ends(self, shaft: int, column: int, factor: Dual) -> None:
-        self.torque(shaft, column, -factor / self.shafts[shaft][2])
-        self.torque(shaft + 1, column, factor)
 
     def body_of(self, role: str) -> int:
         """Index of the body that a role is measured at or acts on."""
@@ -356,7 +319,7 @@ class Assembly:
         h = self.layout.step
         samples = self.dead_time.v / h
         part = max(samples - int(samples + 1e-9), shortest) * h  # as the whole samples are counted
-        part_lengths = np.array([part, h - part]) if self.acts_on_path("dead_time") else np.array([h])
+        part_lengths = np.array([part, h - part]) if "converter.dead_time" in self.acting else np.array([h])
         bodies = sorted(self.frictions)
         memory = np.ones(nx)
         if self.layout.memory is not None:
@@ -393,8 +356,3 @@ def _output_states(outputs: np.ndarray, gap: np.ndarray) -> np.ndarray:
         if gap[m] < 0 and used.size == 1 and rows[used[0], 0] == 1.0 and not rows[used[0], 1:].any():
             found[m] = used[0]
     return found
-
-
-def angle_roles(layout: Layout) -> tuple[str, ...]:
-    """The outputs that are angles; the first one defines where the motor's angle is zero."""
-    return tuple(role for role in layout.outputs if role.endswith("angle"))

@@ -1,7 +1,6 @@
 """The drive as a linear system: contact closed, no Coulomb friction.
 
-The drive for small motion about a load that keeps its gaps closed: state space, frequency response, resonances and
-anti-resonances.
+The drive for small motion about a load that keeps its gaps closed: state space, resonances and anti-resonances.
 """
 
 from __future__ import annotations
@@ -15,7 +14,6 @@ import numpy as np
 from drivetool.drive.assemble import Assembly, Layout
 from drivetool.drive.chain import Drive
 from drivetool.drive.shaft_rows import damping_of
-from drivetool.errors import BadOption
 from drivetool.quantity import quantity_of
 
 MOTOR_TORQUE = "motor_torque"
@@ -65,28 +63,6 @@ def state_space(drive: Drive, inputs: Sequence[str] = (MOTOR_TORQUE,), outputs: 
             np.zeros((system.ny, len(columns))))
 
 
-def frequency_response(drive: Drive, frequencies_hz: np.ndarray, inputs: Sequence[str] = (MOTOR_TORQUE,),
-                       outputs: Sequence[str] = ("motor_speed",)) -> np.ndarray:
-    """Frequency response, with converter and dead time.
-
-    frequencies_hz  (n,) above zero: a free drive has no response at standstill
-    returns         (n, ny, nu) complex
-    raises          BadOption: a frequency that is not above zero
-    source          Tallfors 2005, (2.3), the dead time exact instead of a first-order approximation
-    """
-    frequencies_hz = np.asarray(frequencies_hz, float)
-    if not np.all(frequencies_hz > 0.0):
-        raise BadOption("frequencies above 0 Hz", f"{np.min(frequencies_hz):g} Hz", "Leave them out.")
-    a, b, c, d = state_space(drive, inputs, outputs)
-    s = 2j * np.pi * frequencies_hz[:, None, None]
-    response = c @ np.linalg.solve(s * np.eye(len(a)) - a, np.broadcast_to(b, (len(s), *b.shape))) + d
-    delay_factor = np.exp(-s[:, :, 0] * (drive.value("converter.dead_time") or 0.0))
-    for k, role in enumerate(inputs):
-        if role == MOTOR_TORQUE:
-            response[:, :, k] *= delay_factor
-    return response
-
-
 def resonances(drive: Drive) -> list[Mode]:
     """Resonances and anti-resonances from motor torque to motor speed, by frequency.
 
@@ -111,8 +87,7 @@ def _matrices(drive: Drive) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         twist = np.zeros(n)
         twist[k], twist[k + 1] = 1.0 / ratio.v, -1.0
         stiffness += ks.v * np.outer(twist, twist)
-        both = damping_of(plain, k)
-        damping += both.v * np.outer(twist, twist)
+        damping += damping_of(plain, k).v * np.outer(twist, twist)
     damping += np.diag([plain.of_body(k, "viscous").v for k in range(n)])
     return np.array([mass.v for mass in plain.masses]), stiffness, damping
 

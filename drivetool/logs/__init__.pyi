@@ -21,6 +21,7 @@ from .grid import (
     Grid as Grid,
     fit_grid as fit_grid,
     median_step as median_step,
+    true_runs as true_runs,
     usual_step as usual_step,
 )
 from .roles import (

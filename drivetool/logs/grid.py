@@ -61,6 +61,11 @@ def usual_step(time: np.ndarray) -> float:
     return float(np.median(steps)) if len(steps) else 0.0
 
 
+def true_runs(mask: np.ndarray) -> np.ndarray:
+    """(k, 2) first and last + 1 of every run of true values in (n,)."""
+    return np.flatnonzero(np.diff(np.concatenate([[False], mask, [False]]).astype(np.int8))).reshape(-1, 2)
+
+
 def fit_grid(time: np.ndarray) -> Grid:
     """The uniform grid through the stamps (n,), n >= 2, strictly increasing.
 

@@ -15,11 +15,12 @@ PERCENT = "%"
 
 # unit -> (dimension, SI unit, factor, other spellings). A torque may be logged as a torque, a force
 # or a current and an angle as a length: the chain of inertias is the same. The input of a motor may
-# also be a voltage or a share in %.
+# also be a voltage or a share in %. "N.m" is common, "p.u." too; a full stop elsewhere is a typing error that is
+# reported.
 UNIT_TABLE: dict[str, tuple[str, str, float, tuple[str, ...]]] = {
-    "Nm": ("torque", "Nm", 1.0, ("N-m", "newtonmetre", "newtonmeter")),
-    "mNm": ("torque", "Nm", 1e-3, ("mN-m",)),
-    "kNm": ("torque", "Nm", 1e3, ("kN-m",)),
+    "Nm": ("torque", "Nm", 1.0, ("N-m", "N.m", "newtonmetre", "newtonmeter")),
+    "mNm": ("torque", "Nm", 1e-3, ("mN-m", "mN.m")),
+    "kNm": ("torque", "Nm", 1e3, ("kN-m", "kN.m")),
     "N": ("torque", "N", 1.0, ("newton",)),
     "kN": ("torque", "N", 1e3, ()),
     "A": ("torque", "A", 1.0, ("amp", "amps", "ampere")),
@@ -73,10 +74,6 @@ class Unit:
         """A number or (n,) array in this unit, in SI; the very same bits if it is SI already."""
         return value if self.factor == 1.0 else value * self.factor
 
-    def from_si(self, value):
-        """A number or (n,) array in SI, in this unit."""
-        return value if self.factor == 1.0 else value / self.factor
-
 
 def _normalised(text: str) -> str:
     """The text without what people write differently: blanks, dots, stars, kinds of micro."""
@@ -87,9 +84,6 @@ def _normalised(text: str) -> str:
 _UNIT_BY_SPELLING = {_normalised(name): Unit(unit, dimension, si, factor)
                      for unit, (dimension, si, factor, others) in UNIT_TABLE.items()
                      for name in (unit, *others)}
-# "N.m" is common, "p.u." too; a full stop elsewhere is a typing error that is reported.
-_UNIT_BY_SPELLING |= {"N.m": _UNIT_BY_SPELLING["Nm"], "kN.m": _UNIT_BY_SPELLING["kNm"],
-                      "mN.m": _UNIT_BY_SPELLING["mNm"]}
 
 
 def units_for(dimension: str) -> tuple[str, ...]:

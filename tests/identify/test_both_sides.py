@@ -5,11 +5,11 @@ import pytest
 from scipy.stats import binom, chi2
 
 from drivetool.drive import Drive, resonances, two_mass
-from drivetool.drive.linearise import frequency_response
 from drivetool.identify.estimate.estimate import Covariance
 from drivetool.identify.several import both_sides
 from drivetool.identify.several.both_motors import swap
 from drivetool.identify.several.both_sides import Figure, Side, counterpart
+from tests.frequency_response import frequency_response
 
 CHAIN = Drive("custom", ("motor", "gear", "arm"), ("shaft", "shaft2"))
 VALUES = {"motor.inertia": 0.02, "gear.inertia": 0.5, "arm.inertia": 3.0, "motor.viscous": 0.01,

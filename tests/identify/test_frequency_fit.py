@@ -6,11 +6,11 @@ from scipy import signal
 
 from drivetool.drive import two_mass
 from drivetool.drive.chain import three_mass
-from drivetool.drive.linearise import frequency_response
 from drivetool.errors import NotEnoughData
 from drivetool.identify.greybox.estimator import greybox
 from drivetool.identify.setup.options import Options
 from drivetool.identify.setup.sampled_response import HeldResponse
+from tests.frequency_response import frequency_response
 from tests.recover import experiment
 from tests.simulator.experiments import multisine
 from tests.simulator.linear import equations

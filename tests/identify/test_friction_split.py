@@ -106,5 +106,5 @@ def test_the_parts_of_a_known_sum_that_are_to_be_free_take_its_place():
     assert "total.viscous" not in split.values and split.value("total.idle_torque") == TRUE["total.idle_torque"]
     assert split.referred_to_motor("viscous") == pytest.approx(TRUE["total.viscous"], rel=1e-12)
     assert with_totals(known, ("gear.inertia",), ("gear.viscous",)) == known
-    with pytest.raises(BadOption, match="either total.viscous or its parts after --free; found"):
+    with pytest.raises(BadOption, match=r"either total\.viscous or its parts after --free; found"):
         with_totals(known, ("total.viscous", "arm.viscous"))

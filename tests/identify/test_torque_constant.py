@@ -6,7 +6,6 @@ import numpy as np
 import pytest
 
 from drivetool.drive import Drive, Layout, one_body, two_mass
-from drivetool.drive.linearise import frequency_response
 from drivetool.drive.simulation import Trace, plant_of
 from drivetool.errors import BadOption, BadParameters, BadRecording
 from drivetool.identify.backlash.estimator import backlash
@@ -15,6 +14,7 @@ from drivetool.identify.setup.by_record import as_recorded
 from drivetool.identify.setup.options import Options
 from drivetool.identify.setup.setup import Roles, roles_of
 from drivetool.identify.setup.torque_constant import as_torques, as_torques_for_models, check_torque_scale
+from tests.frequency_response import frequency_response
 from tests.identify.swing import TRUTH, record, swing
 from tests.recover import STEP, drive_like, experiment, resonance, truth
 from tests.simulator.experiments import multisine, steps

@@ -18,7 +18,7 @@ from drivetool.logs.formats.mcap.container.offsets import Offsets
 from drivetool.logs.formats.mcap.container.records import read_records
 from drivetool.logs.formats.mcap.container.source import McapSource
 from drivetool.logs.formats.mcap.decoders import layout
-from drivetool.logs.formats.mcap.decoders.ros import cdr_walk
+from drivetool.logs.formats.mcap.decoders.ros import ros_walk
 from drivetool.logs.formats.mcap.decoders.topics import open_topic
 from drivetool.logs.formats.read import read_recording
 from tests import encodings
@@ -254,7 +254,7 @@ def test_cdr_of_both_byte_orders_and_versions():
         head = bytes([0, kind + (order == "<"), 0, 0])
         pad = 7 if kind == 0 else 3
         message = head + struct.pack(f"{order}B{pad}xdIBBhh2xI3s?", 7, -1.5, 2, 3, 4, -5, 6, 3, b"ab\0", True)
-        shape, _ = cdr_walk("t/T", text)
+        shape, _ = ros_walk("t/T", text, cdr=True)
         columns = layout.BinaryColumns(shape, [("a",), ("x",), ("few", 1), ("pair", 0), ("ok",)])
         places = Offsets.of(np.frombuffer(message, np.uint8), np.array([0]))
         found, good = columns.read(places, np.array([len(message)]))

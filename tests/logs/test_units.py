@@ -58,11 +58,11 @@ def test_the_map_has_its_own_kind_of_error():
 
 
 @given(st.sampled_from(sorted(UNIT_TABLE)), st.floats(-1e9, 1e9))
-def test_round_trip(name, value):
+def test_every_unit_has_its_factor(name, value):
     dimension = UNIT_TABLE[name][0]
     unit = parse_unit(name, "torque" if dimension == "relative" else dimension, "x")
     assert unit.text == name
-    assert unit.from_si(unit.to_si(value)) == pytest.approx(value, rel=1e-15, abs=1e-300)
+    assert unit.to_si(value) == value * UNIT_TABLE[name][2]
 
 
 def test_every_dimension_lists_its_units():

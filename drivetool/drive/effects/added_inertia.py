@@ -9,8 +9,7 @@ from drivetool.quantity import Quantity
 
 def stamp(assembly, body):
     """Add the known inertia to that of the body."""
-    if assembly.acts(body, "added_inertia"):
-        assembly.carry(body, assembly.of_body(body, "added_inertia"))
+    assembly.carry(body, assembly.of_body(body, "added_inertia"))
 
 
 EFFECT = Effect(

@@ -17,9 +17,8 @@ def torque(w, _, time, side, p, out):
 
 def stamp(assembly, body):
     """c + ca forward, c - ca backward."""
-    if assembly.acts(body, "viscous_asymmetry"):
-        assembly.law("asymmetry", [assembly.of_body(body, "viscous_asymmetry")],
-                     {assembly.speed(body): assembly.number(1.0)}, body=body)
+    assembly.law("asymmetry", [assembly.of_body(body, "viscous_asymmetry")],
+                 {assembly.speed(body): assembly.number(1.0)}, body=body)
 
 
 EFFECT = Effect(

@@ -11,8 +11,7 @@ from drivetool.quantity import Quantity
 
 def stamp(assembly, shaft):
     """Ts = ks (z - a) above a, 0 between, ks (z + a) below -a."""
-    if assembly.acts_on_shaft(shaft, "half_gap"):
-        assembly.gap(shaft, assembly.of_shaft(shaft, "half_gap"))
+    assembly.gaps[shaft] = assembly.of_shaft(shaft, "half_gap")
 
 
 EFFECT = Effect(

@@ -6,9 +6,8 @@ from drivetool.quantity import Quantity
 
 def stamp(assembly, body):
     """Add m r^2 to the inertia."""
-    if assembly.acts(body, "carried_mass"):
-        radius = assembly.of_body(body, "radius")
-        assembly.carry(body, assembly.of_body(body, "carried_mass") * radius * radius)
+    radius = assembly.of_body(body, "radius")
+    assembly.carry(body, assembly.of_body(body, "carried_mass") * radius * radius)
 
 
 EFFECT = Effect(

@@ -1,13 +1,15 @@
 """Torque converter: the drive's torque follows the logged command with a lag of first or second order."""
 
+from drivetool.drive.effects import torque_constant
 from drivetool.drive.effects.effect import Effect
 from drivetool.quantity import Quantity
 
 
 def stamp(assembly, _path):
     """The lag as one or two states of the chain, hence exact."""
-    if assembly.acts_on_path("bandwidth"):
-        assembly.lagged_input(assembly.of_path("bandwidth"), assembly.of_path("damping"))
+    state = assembly.states.index("converter")
+    assembly.lag(state, assembly.nx, "converter")
+    assembly.torque(0, state, torque_constant.gain(assembly, 0))
 
 
 EFFECT = Effect(

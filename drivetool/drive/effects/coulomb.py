@@ -15,7 +15,7 @@ def stamp(assembly, body):
 
     With breakaway friction that curve contains it.
     """
-    if assembly.acts(body, "coulomb") and not breakaway.has_breakaway(assembly, body):
+    if not breakaway.has_breakaway(assembly, body):
         assembly.friction(body, assembly.of_body(body, "coulomb"))
 
 

@@ -6,8 +6,7 @@ from drivetool.quantity import Quantity
 
 def stamp(assembly, _path):
     """u(t - td): the held torque switches inside the sample."""
-    if assembly.acts_on_path("dead_time"):
-        assembly.delay(assembly.of_path("dead_time"))
+    assembly.dead_time = assembly.parameter("converter.dead_time")
 
 
 EFFECT = Effect(

@@ -13,9 +13,7 @@ def torque(w, _, time, side, p, out):
 
 def stamp(assembly, body):
     """-c2 w |w| on the body."""
-    if assembly.acts(body, "drag"):
-        assembly.law("drag", [assembly.of_body(body, "drag")],
-                     {assembly.speed(body): assembly.number(1.0)}, body=body)
+    assembly.law("drag", [assembly.of_body(body, "drag")], {assembly.speed(body): assembly.number(1.0)}, body=body)
 
 
 EFFECT = Effect(

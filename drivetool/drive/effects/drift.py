@@ -23,9 +23,8 @@ def stamp(assembly, body):
     slides = assembly.acts(body, "drift_coulomb")
     if slides:
         assembly.friction(body, assembly.number(0.0))
-    if slides or assembly.acts(body, "drift_viscous"):
-        parameters = [assembly.of_body(body, s) for s in ("drift_coulomb", "drift_viscous", "drift_time")]
-        assembly.law("drift", parameters, {assembly.speed(body): assembly.number(1.0)}, body=body, slides=slides)
+    parameters = [assembly.of_body(body, s) for s in ("drift_coulomb", "drift_viscous", "drift_time")]
+    assembly.law("drift", parameters, {assembly.speed(body): assembly.number(1.0)}, body=body, slides=slides)
 
 
 EFFECT = Effect(

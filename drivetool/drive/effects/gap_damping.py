@@ -10,8 +10,7 @@ from drivetool.quantity import Quantity
 
 def stamp(assembly, shaft):
     """Added to the damping in contact."""
-    if assembly.acts_on_shaft(shaft, "gap_damping"):
-        assembly.damp(shaft, assembly.of_shaft(shaft, "gap_damping"))
+    assembly.open_damping[shaft] = assembly.of_shaft(shaft, "gap_damping")
 
 
 EFFECT = Effect(

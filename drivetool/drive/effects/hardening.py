@@ -22,10 +22,9 @@ def torque(twist, _, time, side, p, out):
 
 def stamp(assembly, shaft):
     """Added to the linear stiffness; in a shaft with a gap over the twist beyond the gap."""
-    if assembly.acts_on_shaft(shaft, "hardening"):
-        extra = assembly.of_shaft(shaft, "stiffness") * assembly.of_shaft(shaft, "hardening")
-        rest = [assembly.of_shaft(shaft, s) for s in ("hardening_twist", "hardening_power")]
-        assembly.law("hardening", [extra, *rest], assembly.twist(shaft), shaft=shaft)
+    extra = assembly.of_shaft(shaft, "stiffness") * assembly.of_shaft(shaft, "hardening")
+    rest = [assembly.of_shaft(shaft, s) for s in ("hardening_twist", "hardening_power")]
+    assembly.law("hardening", [extra, *rest], assembly.twist(shaft), shaft=shaft)
 
 
 EFFECT = Effect(

@@ -6,9 +6,8 @@ from drivetool.quantity import Quantity
 
 def stamp(assembly, body):
     """At the body's own angle; a ripple of first order is the same law."""
-    if assembly.acts(body, "imbalance_sine") or assembly.acts(body, "imbalance_cosine"):
-        parameters = [assembly.of_body(body, s) for s in ("imbalance_sine", "imbalance_cosine")]
-        assembly.law("ripple", [*parameters, assembly.number(1.0)], assembly.angle_of(body), body=body)
+    parameters = [assembly.of_body(body, s) for s in ("imbalance_sine", "imbalance_cosine")]
+    assembly.law("ripple", [*parameters, assembly.number(1.0)], assembly.angle_of(body), body=body)
 
 
 EFFECT = Effect(

@@ -10,8 +10,6 @@ fluxes are unstable.
 
 from __future__ import annotations
 
-from typing import NamedTuple
-
 import numpy as np
 
 from drivetool.drive.effects.effect import Effect
@@ -29,40 +27,33 @@ def torque(a, b, time, side, p, out):
     out[1], out[2], out[3] = p[0, 0] * b, p[0, 0] * a, a * b
 
 
-class Currents(NamedTuple):
-    """Factors of the currents: i_s = rotor p_s - mutual p_r, i_r = stator p_r - mutual p_s [1/H]."""
+def current_factors(leakage, magnetizing) -> tuple:
+    """(own, mutual) factors of the currents: i_s = own p_s - mutual p_r, i_r = own p_r - mutual p_s [1/H].
 
-    stator: object
-    rotor: object
-    mutual: object
-
-
-def currents(leakage, magnetizing) -> Currents:
-    """From the total leakage inductance, half at the stator, half at the rotor, and the magnetizing one [H]."""
+    leakage  the total leakage inductance, half at the stator, half at the rotor, and the magnetizing one [H]
+    """
     side = 0.5 * leakage + magnetizing
     determinant = side * side - magnetizing * magnetizing
-    return Currents(side / determinant, side / determinant, magnetizing / determinant)
+    return side / determinant, magnetizing / determinant
 
 
 def stamp(assembly, _motor):
     """Four fluxes as states; the rotor's own voltage and the torque are products of two of them."""
-    if not assembly.fed_by_voltages():
-        return
     own = {name: assembly.of_body(0, name) for name in EFFECT.quantities}
-    of = currents(own["leakage_inductance"], own["magnetizing_inductance"])
+    self_factor, mutual = current_factors(own["leakage_inductance"], own["magnetizing_inductance"])
     one, turning = assembly.number(1.0), 2.0 * np.pi * own["supply_frequency"]
     stator, rotor = ([assembly.states.index(name) for name in names] for names in (FLUXES[:2], FLUXES[2:]))
     for axis, other, sign in ((0, 1, 1.0), (1, 0, -1.0)):
-        for row, partner, loss, self_factor in ((stator, rotor, own["stator_resistance"], of.rotor),
-                                                (rotor, stator, own["rotor_resistance"], of.stator)):
+        for row, partner, loss in ((stator, rotor, own["stator_resistance"]),
+                                   (rotor, stator, own["rotor_resistance"])):
             assembly.torque(row[axis], row[axis], -loss * self_factor)
-            assembly.torque(row[axis], partner[axis], loss * of.mutual)
+            assembly.torque(row[axis], partner[axis], loss * mutual)
             assembly.torque(row[axis], row[other], sign * turning)
         if VOLTAGES[axis] in assembly.layout.inputs:
             assembly.torque(stator[axis], assembly.nx + assembly.layout.inputs.index(VOLTAGES[axis]), one)
         speed, pairs = {assembly.speed(0): one}, own["pole_pairs"]
         assembly.law("product", [-sign * pairs], speed, {rotor[other]: one}, body=rotor[axis])
-        strength = sign * VECTOR_POWER_SCALE * pairs * of.mutual
+        strength = sign * VECTOR_POWER_SCALE * pairs * mutual
         assembly.law("product", [strength], {stator[other]: one}, {rotor[axis]: one}, body=0)
 
 
@@ -97,11 +88,18 @@ def flux_dynamics(drive, speed: float) -> np.ndarray:
     raises  BadParameters: a value is missing
     """
     value = {name: drive.value(f"motor.{name}") for name in EFFECT.quantities}
-    of = currents(value["leakage_inductance"], value["magnetizing_inductance"])
+    own, mutual = current_factors(value["leakage_inductance"], value["magnetizing_inductance"])
     frame = 2j * np.pi * value["supply_frequency"]
     rs, rr = value["stator_resistance"], value["rotor_resistance"]
-    return np.array([[-rs * of.rotor - frame, rs * of.mutual],
-                     [rr * of.mutual, -rr * of.stator - frame + 1j * value["pole_pairs"] * speed]])
+    return np.array([[-rs * own - frame, rs * mutual],
+                     [rr * mutual, -rr * own - frame + 1j * value["pole_pairs"] * speed]])
+
+
+def _torque_factor(drive) -> float:
+    """Torque over the imaginary part of conj(p_r) p_s [Nm/Wb^2]."""
+    _, mutual = current_factors(
+        drive.value("motor.leakage_inductance"), drive.value("motor.magnetizing_inductance"))
+    return VECTOR_POWER_SCALE * drive.value("motor.pole_pairs") * mutual
 
 
 def steady_torque(drive, amplitude: float, speed: float) -> float:
@@ -110,8 +108,7 @@ def steady_torque(drive, amplitude: float, speed: float) -> float:
     source  the solved flux equations; equal to that of the equivalent circuit
     """
     stator, rotor = np.linalg.solve(flux_dynamics(drive, speed), [-amplitude, 0.0])
-    mutual = currents(drive.value("motor.leakage_inductance"), drive.value("motor.magnetizing_inductance")).mutual
-    return float(VECTOR_POWER_SCALE * drive.value("motor.pole_pairs") * mutual * np.imag(np.conj(rotor) * stator))
+    return float(_torque_factor(drive) * np.imag(np.conj(rotor) * stator))
 
 
 def mean_torque(drive, voltage: np.ndarray, speed: np.ndarray, step: float) -> float:
@@ -120,9 +117,8 @@ def mean_torque(drive, voltage: np.ndarray, speed: np.ndarray, step: float) -> f
     voltage  (n,) complex [V]; speed (n,) [rad/s]; step: sample interval [s]
     """
     flux, total = np.zeros(2, complex), 0.0
-    mutual = currents(drive.value("motor.leakage_inductance"), drive.value("motor.magnetizing_inductance")).mutual
     for u, w in zip(voltage, speed, strict=True):
         half = 0.5 * step * flux_dynamics(drive, w)
         flux = np.linalg.solve(np.eye(2) - half, flux + half @ flux + [step * u, 0.0])
         total += float(np.imag(np.conj(flux[1]) * flux[0]))
-    return VECTOR_POWER_SCALE * drive.value("motor.pole_pairs") * mutual * total / len(voltage)
+    return _torque_factor(drive) * total / len(voltage)

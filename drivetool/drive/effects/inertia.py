@@ -6,7 +6,7 @@ from drivetool.quantity import Quantity
 
 def stamp(assembly, body):
     """J dw/dt = sum of torques; the sum is stamped by the other effects."""
-    assembly.inertia(body, assembly.of_body(body, "inertia"))
+    assembly.masses.append(assembly.of_body(body, "inertia"))
 
 
 EFFECT = Effect(

@@ -15,9 +15,8 @@ def torque(twist, rate, time, side, p, out):
 
 def stamp(assembly, shaft):
     """On top of the constant damping."""
-    if assembly.acts_on_shaft(shaft, "load_damping"):
-        factor = assembly.of_shaft(shaft, "stiffness") * assembly.of_shaft(shaft, "load_damping")
-        assembly.law("load-damping", [factor], assembly.twist(shaft), assembly.twist_rate(shaft), shaft=shaft)
+    factor = assembly.of_shaft(shaft, "stiffness") * assembly.of_shaft(shaft, "load_damping")
+    assembly.law("load-damping", [factor], assembly.twist(shaft), assembly.twist_rate(shaft), shaft=shaft)
 
 
 EFFECT = Effect(

@@ -38,19 +38,14 @@ def values_in_record(values: Mapping[str, float], record: int) -> Mapping[str, f
     return {**values, **never}
 
 
-def _step_parameters(what: str) -> tuple[str, ...]:
-    """One parameter of every step."""
-    return tuple(f"{step}_{what}" for step in STEP_NAMES)
-
-
-STEP_TORQUES, STEP_TIMES, STEP_RECORDS = (
-    _step_parameters("torque"), _step_parameters("time"), _step_parameters("record"))
 STEP_QUANTITIES = {
     "torque": Quantity("{T}", "by how much the load torque changes", (-1e12, 1e12), 1e-2, 0.0),
     "time": Quantity("s", "when the load torque changes", (-NEVER, NEVER), 1e-3, 0.0),
     "record": Quantity("", "the record with the change, by the CRC-32 of its sha256; 0: every record",
                        (0.0, 2.0**32), 1.0, 0.0),
 }
+STEP_TORQUES, STEP_TIMES, STEP_RECORDS = (
+    tuple(f"{step}_{what}" for step in STEP_NAMES) for what in STEP_QUANTITIES)
 
 EFFECT = Effect(
     code="load-step",

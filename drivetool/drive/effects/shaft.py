@@ -6,10 +6,7 @@ from drivetool.quantity import Quantity
 
 def stamp(assembly, shaft):
     """Ts = ks twist + cs d(twist)/dt, twist = angle/ratio - next angle; -Ts/ratio acts on the first body."""
-    ratio = assembly.of_shaft(shaft, "ratio")
-    stiffness = assembly.of_shaft(shaft, "stiffness")
-    damping = assembly.of_shaft(shaft, "damping")
-    assembly.couple(shaft, stiffness, damping, ratio)
+    assembly.shafts.append(tuple(assembly.of_shaft(shaft, s) for s in ("stiffness", "damping", "ratio")))
 
 
 EFFECT = Effect(

@@ -7,9 +7,7 @@ from drivetool.quantity import Quantity
 def stamp(assembly, _sensor):
     """The filter as one or two states of the chain, hence exact."""
     if assembly.filters_speed():
-        state = assembly.states.index("motor_speed.filtered")
-        assembly.lag(state, assembly.speed(0), assembly.of_sensor("bandwidth"), assembly.of_sensor("damping"),
-                     assembly.lag_order("sensor.order"))
+        assembly.lag(assembly.states.index("motor_speed.filtered"), assembly.speed(0), "sensor")
 
 
 EFFECT = Effect(

@@ -22,10 +22,9 @@ def torque(w, _, time, side, p, out):
 
 def stamp(assembly, body):
     """The surplus while the body slides; a sticking body is held by up to Tc + Ts."""
-    if assembly.acts(body, "stribeck"):
-        assembly.friction(body, assembly.number(0.0))
-        parameters = [assembly.of_body(body, s) for s in ("stribeck", "stribeck_speed", "stribeck_power")]
-        assembly.law("stribeck", parameters, {assembly.speed(body): assembly.number(1.0)}, body=body, slides=True)
+    assembly.friction(body, assembly.number(0.0))
+    parameters = [assembly.of_body(body, s) for s in ("stribeck", "stribeck_speed", "stribeck_power")]
+    assembly.law("stribeck", parameters, {assembly.speed(body): assembly.number(1.0)}, body=body, slides=True)
 
 
 EFFECT = Effect(

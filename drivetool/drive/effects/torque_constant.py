@@ -1,17 +1,14 @@
 """Torque constant: what a motor's torque is over its logged input, a current in A, a voltage in V or a share in %.
 
 Recordings are multiplied by its value when they are read, so that everything downstream works with torques. It acts
-here only while it differs from that value: while it is fitted.
+here only while it differs from that value: while it is fitted. It stamps nothing: the assembly multiplies the input
+of a motor by its `gain`.
 """
 
 from drivetool.drive.effects.effect import Effect
 from drivetool.quantity import Quantity, name_of
 
 NAME = "torque_constant"
-
-
-def stamp(_assembly, _body):
-    """Nothing: the assembly multiplies the input of a motor by its `gain`."""
 
 
 def gain(assembly, body):
@@ -26,7 +23,6 @@ EFFECT = Effect(
     code="torque-constant",
     of="body",
     quantities={NAME: Quantity("{T}/{u}", "torque of the motor over its input", (1e-12, 1e12), 1.0)},
-    stamp=stamp,
     law="T = k u",
     needs="a torque of known size: a torque sensor, a known load torque, or an inertia that is held or added",
     source="Leonhard 2001, Control of Electrical Drives",

@@ -11,9 +11,7 @@ from drivetool.quantity import Quantity
 def stamp(assembly, _drive):
     """Friction of every body above its final value; drift.py is the same for one body."""
     coulomb_share, viscous_share, time = (
-        assembly.of_friction(s) for s in ("drift_coulomb", "drift_viscous", "drift_time"))
-    if not (assembly.acts_on_friction("drift_coulomb") or assembly.acts_on_friction("drift_viscous")):
-        return
+        assembly.parameter(f"friction.{s}") for s in ("drift_coulomb", "drift_viscous", "drift_time"))
     for body in range(assembly.n):
         slides = assembly.acts(body, "coulomb")
         level = coulomb_share * assembly.of_body(body, "coulomb") if slides else assembly.number(0.0)

@@ -180,10 +180,7 @@ def _check_keys(content: object, name: str) -> None:
             if key not in known:
                 raise BadOption(f"a known key in {where}", f"'{key}'", nearest(str(key), known))
 
-    def fields(struct):
-        return struct.__struct_fields__
-
-    check_level(content, name, fields(ChannelMapFile))
+    check_level(content, name, ChannelMapFile.__struct_fields__)
     if content.get("schema") != SCHEMA:
         raise BadOption(f"schema: {SCHEMA} in {name}", f"schema {content.get('schema')!r}",
                         f"Write `schema: {SCHEMA}` as its first line.")
@@ -191,13 +188,13 @@ def _check_keys(content: object, name: str) -> None:
     check_level(content.get("roles"), f"roles of {name}", tuple(dict.fromkeys([*ROLES, *further])))
     for role, entry in content["roles"].items():
         if not isinstance(entry, str):
-            check_level(entry, f"{role} of {name}", fields(RoleEntry))
+            check_level(entry, f"{role} of {name}", RoleEntry.__struct_fields__)
             if not isinstance(entry.get("time"), str | None):
-                check_level(entry["time"], f"time of {role}", fields(TimeEntry))
+                check_level(entry["time"], f"time of {role}", TimeEntry.__struct_fields__)
             if entry.get("rated") is not None:
-                check_level(entry["rated"], f"rated of {role}", fields(Rated))
+                check_level(entry["rated"], f"rated of {role}", Rated.__struct_fields__)
     if not isinstance(content.get("time"), str | None):
-        check_level(content["time"], f"time of {name}", fields(TimeEntry))
+        check_level(content["time"], f"time of {name}", TimeEntry.__struct_fields__)
 
 
 def _check_entry(role: str, entry: RoleEntry, name: str) -> None:

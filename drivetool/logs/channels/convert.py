@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
 
@@ -39,7 +39,7 @@ def to_signals(recording: Recording, chosen: Mapping[str, str],
     """
     signals: dict[str, Signal] = {}
     findings: list[Finding] = []
-    stamps_by_mask: list[tuple[Channel, np.ndarray, np.ndarray]] = []
+    known_stamps: dict[tuple[int, bytes], np.ndarray] = {}
     for role in ordered_roles(chosen):
         channel = recording.channels[chosen[role]]
         entry = channel_map.roles[role] if channel_map else RoleEntry(chosen[role])
@@ -52,7 +52,9 @@ def to_signals(recording: Recording, chosen: Mapping[str, str],
         time, empty_stamps, invalid_count = channel.time, np.zeros(0), 0
         if not known.all():
             invalid_count = int(np.sum(~known & ~np.isnan(values)))
-            time, empty_stamps, values = _known_stamps(channel, known, stamps_by_mask), time[~known], values[known]
+            # One array for all channels of a clock that lack the same stamps.
+            time = known_stamps.setdefault((id(channel.time), known.tobytes()), channel.time[known])
+            empty_stamps, values = channel.time[~known], values[known]
         if entry.shift:
             time, empty_stamps = time + entry.shift, empty_stamps + entry.shift
             findings.append(Finding(
@@ -76,16 +78,6 @@ def _require_plausible_shift(signals: Mapping[str, Signal], channel_map: Channel
             raise BadRecording(f"a shift after which {role} overlaps the other signals in {log}",
                                f"{shift:g} s in a record of {last - first:.3g} s",
                                "Correct `shift`, in seconds, in the channel map.")
-
-
-def _known_stamps(channel: Channel, known: np.ndarray,
-                  stamps_by_mask: list[tuple[Channel, np.ndarray, np.ndarray]]) -> np.ndarray:
-    """The known stamps of a channel; one array for all channels of a clock that lack the same ones."""
-    for other, mask, time in stamps_by_mask:
-        if other.time is channel.time and np.array_equal(mask, known):
-            return time
-    stamps_by_mask.append((channel, known, channel.time[known]))
-    return stamps_by_mask[-1][2]
 
 
 def _convert_channel(channel: Channel, entry: RoleEntry, role: str,
@@ -119,18 +111,8 @@ def _convert_channel(channel: Channel, entry: RoleEntry, role: str,
     return unit.to_si(values), unit.si, findings
 
 
-@dataclass(frozen=True)
-class RecordUnits:
-    """Of a record: of its torques and motions, and roles whose torque is in another one; what is odd about them."""
-
-    torque: str
-    motion: str
-    inputs: Mapping[str, str]
-    findings: tuple[Finding, ...]
-
-
-def shared_units(signals: Mapping[str, Signal], log: str) -> RecordUnits:
-    """The units of the record.
+def shared_units(signals: Mapping[str, Signal], log: str) -> tuple[str, str, dict[str, str], list[Finding]]:
+    """(unit of the torques of a record, of its motions; roles whose torque is in another unit -> that; findings).
 
     The chain has one torque unit and one motion unit; only a table behind a ratio may move in
     another one than the motors, and the motors may be fed with A, V or % beside other torques in Nm or N.
@@ -161,7 +143,7 @@ def shared_units(signals: Mapping[str, Signal], log: str) -> RecordUnits:
             "warning", "units-mixed", f"The torque is in {torque} but the motion in {motion}; the "
             f"inertias have the unit {torque} s^2/{motion}.", {"torque_unit": torque, "motion_unit": motion},
             "Check the units of the two channels."))
-    return RecordUnits(torque, motion, inputs, tuple(findings))
+    return torque, motion, inputs, findings
 
 
 def in_si(recording: Recording, channel_map: ChannelMap | None) -> Recording:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 
 import numpy as np
 
@@ -21,30 +20,15 @@ NO_STAMPS = np.zeros(0)
 COUNTER_BITS, SECONDS_PER_COUNT = (32, 31, 24, 16), {"ns": 1e-9, "us": 1e-6, "ms": 1e-3}
 
 
-@dataclass(frozen=True)
-class Clock:
-    """A clean clock.
-
-    time   (m,) seconds, strictly increasing
-    keep   (m,) indices of the samples it keeps, in the order of time; None: all, as they are
-    """
-
-    time: np.ndarray
-    keep: np.ndarray | None = None
-
-    def of(self, values: np.ndarray) -> np.ndarray:
-        """The values that belong to the clean stamps; the array itself if nothing was changed."""
-        return values if self.keep is None else values[self.keep]
-
-
 def clean_clock(time: np.ndarray, who: str, log: str, values: Sequence[np.ndarray] = (),
-                empty_stamps: np.ndarray = NO_STAMPS) -> tuple[Clock, list[Finding]]:
+                empty_stamps: np.ndarray = NO_STAMPS) -> tuple[np.ndarray, np.ndarray | None, list[Finding]]:
     """The stamps without repeated and missing ones, in order.
 
     time     (n,) seconds as logged; who: the channels on this clock, for messages
     values   (n,) each, of those channels
     without  (k,) stamps of the same clock at which the channels have no value
-    returns  Clock, findings
+    returns  (m,) seconds, strictly increasing; (m,) indices of the samples that are kept, in the order of time,
+             None: all, as they are; findings
     raises   BadRecording: the clock was set back (says where), or has receive times in batches; single samples out
              of order are sorted
     """
@@ -67,7 +51,7 @@ def clean_clock(time: np.ndarray, who: str, log: str, values: Sequence[np.ndarra
             "note", "clock-corrected", f"The stamps of {who} in {log} are quantised to {resolution:.4g} s; a "
             f"uniform clock with a step of {step:.6g} s replaces them.",
             {"resolution": resolution, "step": step}, "Log time stamps with full resolution."))
-        return Clock(found, keep), findings
+        return found, keep, findings
     refuse_batches(np.unique(time[keep]), who, log)  # with one stamp a batch, it is a coarse clock
     step = np.diff(time[keep])
     if np.any(step == 0):
@@ -77,7 +61,7 @@ def clean_clock(time: np.ndarray, who: str, log: str, values: Sequence[np.ndarra
             "stamp and are left out.", {"samples": repeated, "of": len(time)},
             "Check the resolution of the recorder's clock."))
         keep = keep[np.concatenate([[True], step > 0])]
-    return (Clock(time[keep], keep) if findings else Clock(time)), findings
+    return (time[keep], keep, findings) if findings else (time, None, findings)
 
 
 def _restore_with_empty_stamps(time: np.ndarray, values: Sequence[np.ndarray],

@@ -9,7 +9,7 @@ import numpy as np
 
 from drivetool.errors import Finding
 from drivetool.logs import Signal, is_motion, median_step, quantity
-from drivetool.logs.samples import MIN_LAG_LIKELIHOOD_GAIN
+from drivetool.logs.samples import MIN_LAG_LIKELIHOOD_GAIN, nearest_peak
 
 # A choice: records with more points are compared on a coarser grid, which bounds the time of the correlation.
 MAX_OFFSET_POINTS = 200_000
@@ -34,7 +34,8 @@ def clock_offsets(signals: Mapping[str, Signal], log: str) -> list[Finding]:
                                 key=lambda pair: _body_of_role(pair[0]) != _body_of_role(pair[1])):
         a, b = signals[first], signals[second]
         pair = (a.time, b.time)
-        if np.array_equal(a.time, b.time) or any(_same_clocks(pair, other) for other in compared_pairs):
+        if np.array_equal(a.time, b.time) or any(
+                all(map(np.array_equal, pair, other)) for other in compared_pairs):
             continue
         found = estimate_clock_offset(a, b, quantity(first) == "angle", quantity(second) == "angle")
         if found is None:
@@ -54,10 +55,6 @@ def clock_offsets(signals: Mapping[str, Signal], log: str) -> list[Finding]:
 
 def _body_of_role(role: str) -> str:
     return role.rpartition("_")[0]
-
-
-def _same_clocks(pair: tuple, other: tuple) -> bool:
-    return all(np.array_equal(x, y) for x, y in zip(pair, other, strict=True))
 
 
 def estimate_clock_offset(a: Signal, b: Signal, a_is_angle: bool,
@@ -86,16 +83,10 @@ def estimate_clock_offset(a: Signal, b: Signal, a_is_angle: bool,
     curve = np.where(valid, np.abs(cross) / np.where(valid, energy, 1.0), 0.0)
     # Where the stamps agree as they are; a periodic motion agrees again, so the nearest of equals.
     zero = (b.time[0] - a.time[0]) / step
-    near_maximum = np.flatnonzero(curve > curve.max() - 1e-3)
-    at = int(near_maximum[np.argmin(np.abs(lags[near_maximum] - zero))])
-    while 0 < at < len(curve) - 1 and curve[at] < max(curve[at - 1], curve[at + 1]):
-        at += 1 if curve[at + 1] > curve[at - 1] else -1
+    at, beside, _ = nearest_peak(curve, curve.max() - 1e-3, np.abs(lags - zero))
     if not 0 < at < len(curve) - 1 or curve[at] < MIN_OFFSET_CORRELATION:
         return None
-    left, peak, right = curve[at - 1:at + 2]
-    curvature = left - 2 * peak + right
-    lag = lags[at] + (0.5 * (left - right) / curvature if curvature < 0 else 0.0)
-    shift = float((lag - zero) * step)
+    shift, peak = float((lags[at] + beside - zero) * step), curve[at]
     unshifted = float(np.interp(zero, lags, curve))
     count = common[at] / AVERAGING_STEPS
     gain = 0.5 * count * np.log(max(1 - unshifted**2, 1e-12) / max(1 - peak**2, 1e-12))

@@ -117,14 +117,11 @@ def _split_at_lost_samples(time: np.ndarray, place: np.ndarray, resolution: floa
     while todo:
         first, last = todo.pop()
         off = time[first:last] - _fit_stamp_line(time[first:last], place[first:last])
-        if np.ptp(off) <= MAX_LINE_DEVIATION * resolution or last - first < 2 * MIN_LINE_SAMPLES:
-            done.append((first, last))
-            continue
         at = first + 1 + int(np.argmax(np.abs(np.cumsum(off - off.mean())[:-1])))
-        if min(at - first, last - at) < MIN_LINE_SAMPLES:
+        if np.ptp(off) <= MAX_LINE_DEVIATION * resolution or min(at - first, last - at) < MIN_LINE_SAMPLES:
             done.append((first, last))
-            continue
-        todo += [(first, at), (at, last)]
+        else:
+            todo += [(first, at), (at, last)]
     return sorted(done)
 
 

@@ -73,7 +73,7 @@ def low_pass_reference(at: np.ndarray, step: float, time: np.ndarray, values: np
     for k in range(-reach, reach + 1):
         index = centre + k
         distance = (at - (time[0] + index * reference_step)) / step
-        weight = _windowed_sinc(distance)
+        weight = np.interp(np.abs(distance), *_windowed_sinc_table(), right=0.0)
         inside = (index >= 0) & (index < count)
         # A weight of zero needs no sample there.
         total += np.where(weight == 0, 0.0, weight * np.where(inside, even[np.clip(index, 0, count - 1)], np.nan))
@@ -81,13 +81,9 @@ def low_pass_reference(at: np.ndarray, step: float, time: np.ndarray, values: np
     return total / weights
 
 
-def _windowed_sinc(distance: np.ndarray) -> np.ndarray:
-    """The windowed sinc at distances in steps of the new grid, from a table (to 1e-7)."""
-    return np.interp(np.abs(distance), *_windowed_sinc_table(), right=0.0)
-
-
 @cache
 def _windowed_sinc_table() -> tuple[np.ndarray, np.ndarray]:
+    """The windowed sinc over distances in steps of the new grid, fine enough to interpolate to 1e-7."""
     distance = np.linspace(0.0, KERNEL_HALF_WIDTH, 20_001)
     window = np.i0(KAISER_BETA * np.sqrt(1 - (distance / KERNEL_HALF_WIDTH) ** 2)) / np.i0(KAISER_BETA)
     weight = np.sinc(2 * ANTIALIAS_CUT_OFF * distance) * window

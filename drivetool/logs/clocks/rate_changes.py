@@ -9,7 +9,6 @@ from itertools import pairwise
 import numpy as np
 
 from drivetool.logs import INPUTS, MIN_SAMPLES
-from drivetool.logs.clocks.clean_stamps import Clock
 from drivetool.logs.clocks.rate import MIN_RATE_RATIO, MIN_REGULAR_STEPS_SHARE
 from drivetool.logs.clocks.resample import CleanSignals, refuse_single, with_leader
 
@@ -65,18 +64,18 @@ def at_rate(clean: CleanSignals, rate: Rate, log: str) -> CleanSignals:
 
     raises  NotEnoughData: a signal with fewer than two samples there
     """
-    signals, clocks, cut = {}, {}, {}
+    signals, cut = {}, {}
     for role, signal in clean.signals.items():
-        key = id(clean.clocks[role]), role in INPUTS
+        key = id(signal.time), role in INPUTS
         if key not in cut:
             at, index = _cut_to_windows(signal.time, rate.windows, role in INPUTS)
             # Inputs on a sensor's clock stay on it.
             same = cut.get((key[0], not key[1]))
-            cut[key] = (same[0] if same and np.array_equal(same[0].time, at) else Clock(at), index)
-        clocks[role], index = cut[key]
-        signals[role] = replace(signal, time=clocks[role].time, values=signal.values[index])
-    refuse_single(signals, clocks, log)
-    return with_leader(signals, clocks, clean.findings, tuple(begin for begin, _ in rate.windows[1:]))
+            cut[key] = (same[0] if same and np.array_equal(same[0], at) else at, index)
+        at, index = cut[key]
+        signals[role] = replace(signal, time=at, values=signal.values[index])
+    refuse_single(signals, signals, log)
+    return with_leader(signals, clean.findings, tuple(begin for begin, _ in rate.windows[1:]))
 
 
 def _may_change(steps: np.ndarray) -> bool:

@@ -19,7 +19,7 @@ from drivetool.logs import (
     median_step,
     usual_step,
 )
-from drivetool.logs.clocks.clean_stamps import Clock, clean_clock
+from drivetool.logs.clocks.clean_stamps import clean_clock
 from drivetool.logs.clocks.clock_offset import clock_offsets
 from drivetool.logs.clocks.rate import (
     ANTIALIAS_CUT_OFF,
@@ -34,13 +34,12 @@ from drivetool.logs.clocks.rate import (
 class CleanSignals:
     """Signals on clean clocks.
 
-    signals  role -> Signal, its stamps strictly increasing; clocks: role -> Clock, one for all with equal stamps
+    signals  role -> Signal, its stamps strictly increasing, one array for all with equal stamps
     leader   the role whose clock the grid takes; time (n,) its stamps, with those of others that it lacks [s]
     resumes  when the logger came back to this rate from another one [s]
     """
 
     signals: Mapping[str, Signal]
-    clocks: Mapping[str, Clock]
     leader: str
     time: np.ndarray
     findings: tuple[Finding, ...] = ()
@@ -64,18 +63,16 @@ def clean_signals(signals: Mapping[str, Signal], log: str) -> CleanSignals:
     signals  role -> Signal, with stamps as logged
     raises   BadRecording: time goes backwards; NotEnoughData: a signal with fewer than two samples
     """
-    clocks, findings = _clean_clocks(signals, log)
-    refuse_single(signals, clocks, log)
-    clean = {role: Signal(clocks[role].time, clocks[role].of(signal.values), signal.si)
-             for role, signal in signals.items()}
-    return with_leader(clean, clocks, (*findings, *clock_offsets(clean, log)))
+    clean, findings = _on_clean_clocks(signals, log)
+    refuse_single(clean, signals, log)
+    return with_leader(clean, (*findings, *clock_offsets(clean, log)))
 
 
-def with_leader(clean: Mapping[str, Signal], clocks: Mapping[str, Clock], findings: tuple[Finding, ...],
-        resumes: tuple[float, ...] = ()) -> CleanSignals:
+def with_leader(clean: Mapping[str, Signal], findings: tuple[Finding, ...],
+                resumes: tuple[float, ...] = ()) -> CleanSignals:
     """Clean signals with the role whose clock the grid takes."""
-    leader = leader_of({role: clock.time for role, clock in clocks.items()})
-    return CleanSignals(clean, clocks, leader, _fill_lost_stamps(leader, clocks), findings, resumes)
+    leader = leader_of(clean)
+    return CleanSignals(clean, leader, _fill_lost_stamps(leader, clean), findings, resumes)
 
 
 def onto_grid(clean: CleanSignals, log: str) -> GriddedSignals:
@@ -89,41 +86,40 @@ def onto_grid(clean: CleanSignals, log: str) -> GriddedSignals:
     returns  Gridded; neighbours more than 3 steps apart begin a new segment
     raises   BadRecording: clocks that do not overlap
     """
-    clocks, leader, time, findings = clean.clocks, clean.leader, clean.time, []
-    values = {role: signal.values for role, signal in clean.signals.items()}
-    grid, at = _divided_grid(time, _input_steps_per_interval(time, clocks), log)
-    index = grid.index
+    signals, time, findings = clean.signals, clean.time, []
+    # A step is divided for the fastest input.
+    fastest = min((median_step(signals[role].time) for role in INPUTS if role in signals), default=np.inf)
+    grid, at = _divided_grid(time, max(1, round(median_step(time) / fastest)), log)
     placed: dict[str, np.ndarray] = {}
     slowed: dict[str, float] = {}
     converted = not grid.uniform
-    for role, clock in clocks.items():
-        places = _matching_grid_points(clock.time, at, grid.step) if grid.uniform else None
+    for role, signal in signals.items():
+        places = _matching_grid_points(signal.time, at, grid.step) if grid.uniform else None
         if places is not None:
-            placed[role] = _values_on_grid(len(at), places, values[role], role in INPUTS)
+            placed[role] = _values_on_grid(len(at), places, signal.values, role in INPUTS)
             continue
-        own_step = median_step(clock.time)
+        own_step = median_step(signal.time)
         if grid.step > MIN_RATE_RATIO * own_step and role not in INPUTS:
             slowed[role] = own_step
         converted = True
-        on_grid_clock = clock is clocks[leader]
-        placed[role] = _convert_to_grid(at, grid.step, clock.time, values[role], own_step, role in INPUTS,
-                                        on_grid_clock)
+        placed[role] = _convert_to_grid(at, grid.step, signal, own_step, role in INPUTS,
+                                        signal.time is signals[clean.leader].time)
     if grid.uniform and grid.lost:
         findings.append(_lost_finding(grid, log))
     if slowed:
         findings.append(_slowed_finding(slowed, grid, log))
     if converted:
-        findings.append(_resampled_finding(grid, clocks, leader, log))
+        findings.append(_resampled_finding(grid, signals, clean.leader, log))
         _require_overlap(placed, log, (*clean.findings, *findings))
     pauses = np.searchsorted(time, clean.resumes) - 1
-    stretches = tuple(_segments_between_gaps(index, np.union1d(grid.gaps, pauses)))
+    stretches = tuple(_segments_between_gaps(grid.index, np.union1d(grid.gaps, pauses)))
     if len(gaps := np.setdiff1d(grid.gaps, pauses)):
         findings.append(_gap_finding(gaps, len(stretches), time, log))
     return GriddedSignals(grid.step, grid.start, placed, stretches, tuple(findings))
 
 
-def _clean_clocks(signals: Mapping[str, Signal], log: str) -> tuple[dict[str, Clock], list[Finding]]:
-    """role -> Clock; signals with equal stamps share one Clock object."""
+def _on_clean_clocks(signals: Mapping[str, Signal], log: str) -> tuple[dict[str, Signal], list[Finding]]:
+    """role -> Signal with clean stamps; signals with equal stamps share one array of them."""
     groups: list[tuple[np.ndarray, list[str]]] = []
     for role, signal in signals.items():
         known = next((roles for time, roles in groups
@@ -132,19 +128,20 @@ def _clean_clocks(signals: Mapping[str, Signal], log: str) -> tuple[dict[str, Cl
             groups.append((signal.time, [role]))
         else:
             known.append(role)
-    clocks: dict[str, Clock] = {}
+    clean: dict[str, Signal] = {}
     findings: list[Finding] = []
     for time, roles in groups:
         # A held torque repeats its values in any log: alone it does not show rows that were logged twice.
         sensor_values = [] if set(roles) <= set(INPUTS) else [signals[role].values for role in roles]
-        clock, new = clean_clock(time, ", ".join(roles), log, sensor_values, signals[roles[0]].empty_stamps)
-        if len(clock.time) > 1:
-            _refuse_vast(float(np.ptp(clock.time)) / median_step(clock.time), len(clock.time), log)
+        at, keep, new = clean_clock(time, ", ".join(roles), log, sensor_values, signals[roles[0]].empty_stamps)
+        if len(at) > 1:
+            _refuse_vast(float(np.ptp(at)) / median_step(at), len(at), log)
         findings += new
-        clocks |= dict.fromkeys(roles, clock)
+        clean |= {role: Signal(at, values if keep is None else values[keep], signals[role].si)
+                  for role in roles for values in [signals[role].values]}
     findings += [f for role in signals
-                 for f in _missing_values_findings(role, signals[role], clocks[role].time, log)]
-    return {role: clocks[role] for role in signals}, findings
+                 for f in _missing_values_findings(role, signals[role], clean[role].time, log)]
+    return {role: clean[role] for role in signals}, findings
 
 
 def _missing_values_findings(role: str, signal: Signal, time: np.ndarray, log: str) -> list[Finding]:
@@ -170,36 +167,30 @@ def _missing_values_findings(role: str, signal: Signal, time: np.ndarray, log: s
         f"`absent: 0` for {role} in the channel map.")]
 
 
-def refuse_single(signals: Mapping[str, Signal], clocks: Mapping[str, Clock], log: str) -> None:
-    """Refuse a signal with fewer than two stamps: they give no sampling interval."""
-    for role, clock in clocks.items():
-        if len(clock.time) < 2:
-            count = len(signals[role].time)
+def refuse_single(clean: Mapping[str, Signal], logged: Mapping[str, Signal], log: str) -> None:
+    """Refuse a signal with fewer than two clean stamps, however many were logged: they give no interval."""
+    for role, signal in clean.items():
+        if len(signal.time) < 2:
+            count = len(logged[role].time)
             raise NotEnoughData(f"samples of {role} at different times in {log}",
                                 f"{count} at one time" if count > 1 else f"{count}",
                                 "Choose another clock with `time:` in the channel map." if count > 1
                                 else "Record longer.")
 
 
-def leader_of(times: Mapping[str, np.ndarray]) -> str:
+def leader_of(signals: Mapping[str, Signal]) -> str:
     """The role whose clock the grid takes: of the fastest sensors, that with most samples.
 
     Inputs are known at every instant and need no grid of their own; a reference does not call for a finer one.
 
-    times  role -> (n,) stamps, as logged or clean
+    signals  role -> Signal, with stamps as logged or clean
     """
-    steps = {role: usual_step(time) or np.inf for role, time in times.items()}
+    steps = {role: usual_step(signal.time) or np.inf for role, signal in signals.items()}
     own = {role: step for role, step in steps.items() if not role.startswith("reference_")} or steps
     own = {role: step for role, step in own.items() if role not in INPUTS} or own
     fastest = min(own.values())
     return max((role for role in own if own[role] <= (1 + STEP_TOLERANCE) * fastest),
-               key=lambda role: len(times[role]))
-
-
-def _input_steps_per_interval(time: np.ndarray, clocks: Mapping[str, Clock]) -> int:
-    """Into how many parts a step between stamps (n,) is divided, for the fastest input."""
-    fastest = min((median_step(clocks[role].time) for role in INPUTS if role in clocks), default=np.inf)
-    return max(1, round(median_step(time) / fastest))
+               key=lambda role: len(signals[role].time))
 
 
 def _divided_grid(time: np.ndarray, parts: int, log: str) -> tuple[Grid, np.ndarray]:
@@ -213,16 +204,16 @@ def _divided_grid(time: np.ndarray, parts: int, log: str) -> tuple[Grid, np.ndar
     return replace(grid, step=step, index=index), at
 
 
-def _fill_lost_stamps(leader: str, clocks: Mapping[str, Clock]) -> np.ndarray:
+def _fill_lost_stamps(leader: str, signals: Mapping[str, Signal]) -> np.ndarray:
     """The leader's stamps, with those of other clocks where it lacks a sample."""
-    time = clocks[leader].time
+    time = signals[leader].time
     step = median_step(time)
-    for clock in {id(clock): clock for clock in clocks.values() if clock is not clocks[leader]}.values():
-        distance = np.abs(clock.time - time[_nearest_stamps(clock.time, time)]) / step
+    for other in {id(signal.time): signal.time for signal in signals.values() if signal.time is not time}.values():
+        distance = np.abs(other - time[_nearest_stamps(other, time)]) / step
         missing = (distance > 0.5) & (np.abs(distance - np.round(distance)) < JITTER_TOLERANCE)
-        missing &= (clock.time > time[0]) & (clock.time < time[-1])
-        if missing.any() and abs(median_step(clock.time) / step - 1) <= STEP_TOLERANCE:
-            time = np.union1d(time, clock.time[missing])
+        missing &= (other > time[0]) & (other < time[-1])
+        if missing.any() and abs(median_step(other) / step - 1) <= STEP_TOLERANCE:
+            time = np.union1d(time, other[missing])
     return time
 
 
@@ -271,9 +262,10 @@ def _segments_between_gaps(places: np.ndarray, gaps: np.ndarray) -> list[tuple[i
     return [(int(a), int(b) + 1) for a, b in zip(first, last, strict=True)]
 
 
-def _convert_to_grid(at: np.ndarray, step: float, time: np.ndarray, values: np.ndarray, own_step: float,
-                     is_input: bool, on_grid_clock: bool) -> np.ndarray:
-    """(n,) a signal with a step `own` at the grid points (n,); alike: the grid is fitted to its stamps."""
+def _convert_to_grid(at: np.ndarray, step: float, signal: Signal, own_step: float, is_input: bool,
+                     on_grid_clock: bool) -> np.ndarray:
+    """(n,) a signal at the grid points (n,); on_grid_clock: the grid is fitted to its stamps."""
+    time, values = signal.time, signal.values
     if is_input:
         return (_zero_order_hold if on_grid_clock else average_over_steps)(at, step, time, values)
     if step > MIN_RATE_RATIO * own_step:
@@ -319,11 +311,11 @@ def _require_overlap(placed: Mapping[str, np.ndarray], log: str, findings: Seque
                                f"Record all signals on one clock, or leave the role out.{offset_hint}")
 
 
-def _resampled_finding(grid: Grid, clocks: Mapping[str, Clock], leader: str, log: str) -> Finding:
-    several = len({id(clock) for clock in clocks.values()}) > 1
+def _resampled_finding(grid: Grid, signals: Mapping[str, Signal], leader: str, log: str) -> Finding:
+    several = len({id(signal.time) for signal in signals.values()}) > 1
     why = "the signals have different clocks" if several else \
         f"the time stamps are up to {100 * grid.jitter:.0f} % of a step off a uniform grid"
-    steps = {f"step_{role}": median_step(clock.time) for role, clock in clocks.items()}
+    steps = {f"step_{role}": median_step(signal.time) for role, signal in signals.items()}
     return Finding("note" if several else "warning", "resampled",
                    f"{log} is resampled to a grid of {grid.step:.6g} s, the clock of {leader}, because {why}; "
                    "torques are held, sensors interpolated.",

@@ -155,18 +155,14 @@ def _despike(experiment: Experiment, step: ConditioningStep) -> StepResult:
 
 def _low_pass(experiment: Experiment, step: ConditioningStep) -> StepResult:
     """All channels alike, so that the relations between them do not change."""
-    _require_below_nyquist(step.numbers["cutoff"], experiment, step)
-    signals = {role: low_pass(values, experiment.segments, step.numbers["cutoff"] * experiment.step,
-                              int(step.numbers["order"]))
-               for role, values in experiment.signals.items()}
-    return replace(experiment, signals=signals), {}, "all channels low-passed without delay"
-
-
-def _require_below_nyquist(cutoff: float, experiment: Experiment, step: ConditioningStep) -> None:
-    half = 0.5 / experiment.step
+    cutoff, half = step.numbers["cutoff"], 0.5 / experiment.step
     if cutoff >= half:
         raise BadOption(f"a cut-off below half the rate, {half:g} Hz, for {step.name}", f"{cutoff:g} Hz",
                         "Choose a lower one, or leave the step out.")
+    signals = {role: low_pass(values, experiment.segments, cutoff * experiment.step,
+                              int(step.numbers["order"]))
+               for role, values in experiment.signals.items()}
+    return replace(experiment, signals=signals), {}, "all channels low-passed without delay"
 
 
 def _detrend(experiment: Experiment, step: ConditioningStep) -> StepResult:
@@ -196,7 +192,9 @@ def _decimate(experiment: Experiment, step: ConditioningStep) -> StepResult:
     factor = int(step.numbers["factor"])
     segments = tuple((a, b) for first, last in experiment.segments
                      for a, b in [(-(-first // factor), last // factor)] if b > a)
-    _require_samples(segments, experiment, step, "Take a smaller factor.")
+    if (left := sum(b - a for a, b in segments)) < MIN_SAMPLES:
+        raise NotEnoughData(f"at least {MIN_SAMPLES} samples of {experiment.name} after {step.text}", f"{left}",
+                            "Take a smaller factor.")
     signals = {}
     for role, values in experiment.signals.items():
         smooth = low_pass(values, experiment.segments, 0.4 / factor, 4)
@@ -247,13 +245,6 @@ def _integrate(experiment: Experiment, step: ConditioningStep) -> StepResult:
         signals.setdefault(f"{role[:-6]}_angle", angle)
     return (replace(experiment, signals={r: signals[r] for r in ordered_roles(signals)}), {},
             f"{', '.join(roles)} summed up to angles from zero")
-
-
-def _require_samples(segments: Sequence[tuple[int, int]], experiment: Experiment, step: ConditioningStep,
-                     do: str) -> None:
-    if (left := sum(b - a for a, b in segments)) < MIN_SAMPLES:
-        raise NotEnoughData(f"at least {MIN_SAMPLES} samples of {experiment.name} after {step.text}",
-                            f"{left}", do)
 
 
 _STEP_FUNCTIONS: dict[str, Callable[[Experiment, ConditioningStep], StepResult]] = {

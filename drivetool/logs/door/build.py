@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 
 from drivetool.errors import BadRecording, Finding, NotEnoughData
-from drivetool.logs import INPUTS, MIN_SAMPLES, Experiment, Recording, is_motion, quantity
+from drivetool.logs import INPUTS, MIN_SAMPLES, Experiment, Recording, is_motion, quantity, true_runs
 from drivetool.logs.channels import ChannelMap, choose_channels, shared_units, to_signals
 from drivetool.logs.clocks import CleanSignals, Rate, at_rate, clean_signals, find_rates, leader_of, onto_grid
 from drivetool.logs.conditioning import (
@@ -57,14 +57,13 @@ def build_experiment(recording: Recording, channel_map: ChannelMap | None = None
     """
     chosen = choose_channels(tuple(recording.channels), channel_map, recording.name, further)
     signals, findings = to_signals(recording, chosen, channel_map)
-    units = shared_units(signals, recording.name)
-    cut_record = cut_signals(signals, leader_of({role: s.time for role, s in signals.items()}), steps,
-                             recording.name)
+    torque_unit, motion_unit, input_units, mixed = shared_units(signals, recording.name)
+    cut_record = cut_signals(signals, leader_of(signals), steps, recording.name)
     clean = clean_signals(cut_record.signals, recording.name)
     blank = Experiment(
-        recording.name, recording.sha256, 0.0, recording.origin, {}, (), units.torque, units.motion,
+        recording.name, recording.sha256, 0.0, recording.origin, {}, (), torque_unit, motion_unit,
         channel_map.torque_is if channel_map else "unknown",
-        (*recording.findings, *findings, *units.findings, *cut_record.findings), input_units=units.inputs,
+        (*recording.findings, *findings, *mixed, *cut_record.findings), input_units=input_units,
         magnitudes=tuple(r for r, entry in channel_map.roles.items() if entry.unsigned) if channel_map else ())
     if found_rates := find_rates(clean.time):
         return _experiment_at_rates(blank, clean, cut_record, found_rates)
@@ -153,9 +152,7 @@ def _cut_at_missing_torque(segments: Iterable[tuple[int, int]], signals: Mapping
             usable &= np.isfinite(signals[role])
     pieces, missing = [], 0
     for first, last in segments:
-        part = np.concatenate([[False], usable[first:last], [False]])
-        edges = np.flatnonzero(np.diff(part.astype(np.int8)))
-        pieces += [(first + int(a), first + int(b)) for a, b in edges.reshape(-1, 2)]
+        pieces += [(first + int(a), first + int(b)) for a, b in true_runs(usable[first:last])]
         missing += int(np.sum(~usable[first:last]))
     long_enough = tuple(p for p in pieces if p[1] - p[0] >= MIN_SEGMENT)
     total = sum(b - a for a, b in long_enough)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -34,14 +35,13 @@ class Inspection:
     """What was found in a log.
 
     recording   all its numeric channels; channels: a report on each
-    experiment  what a step would get, or None with the sentence `refused`
+    experiment  what a step would get, or None where none can use the log: a finding says why
     findings    of the reader, and of the experiment if there is one
     """
 
     recording: Recording
     channels: tuple[ChannelReport, ...]
     experiment: Experiment | None
-    refused: str
     findings: tuple[Finding, ...]
 
 
@@ -55,36 +55,30 @@ def inspect_log(path: str | Path, channel_map: ChannelMap | None = None) -> Insp
     """
     recording = read_recording(path, channel_map, choose=list)
     roles, findings = _roles_of_channels(recording, channel_map)
-    clocks: dict[int, _Clock] = {}
+    clocks: dict[int, tuple[np.ndarray, dict[str, Any]]] = {}
     reports = []
     for name, channel in recording.channels.items():
-        clock = clocks.get(id(channel.time))
-        if clock is None:
-            clock = clocks[id(channel.time)] = _inspect_clock(channel.time, name, recording.name)
-        role = roles.get(name)
-        reports.append(_channel_report(name, channel, role, clock, _channel_unit(channel, role, channel_map)))
-    experiment, refused = None, ""
+        if id(channel.time) not in clocks:
+            clocks[id(channel.time)] = _inspect_clock(channel.time, name, recording.name)
+        role, unit = roles.get(name, (None, None))
+        reports.append(_channel_report(name, channel, role, unit or channel.unit, *clocks[id(channel.time)]))
+    experiment = None
     try:
         steps = [parse_step(text) for text in channel_map.condition] if channel_map else []
         experiment = build_experiment(recording, channel_map, steps)
         findings = [*experiment.findings, *findings]
     except DriveToolError as problem:
-        refused = str(problem)
         findings = [*recording.findings, *findings, Finding(
-            "warning", "recording-not-usable", f"No step can use {recording.name}: {refused}")]
+            "warning", "recording-not-usable", f"No step can use {recording.name}: {problem}")]
     findings += [Finding("warning", "log-damaged", f"{name} of {recording.name} cannot be read: {why}.")
                  for name, why in recording.unreadable.items()]
-    return Inspection(recording, tuple(reports), experiment, refused, _unique_findings(findings))
+    each_sentence_once = {(f.code, f.text): f for f in findings}
+    return Inspection(recording, tuple(reports), experiment, tuple(each_sentence_once.values()))
 
 
-def _unique_findings(findings: list[Finding]) -> tuple[Finding, ...]:
-    """Each sentence once."""
-    return tuple({(f.code, f.text): f for f in findings}.values())
-
-
-def _roles_of_channels(recording: Recording,
-                       channel_map: ChannelMap | None) -> tuple[dict[str, str], list[Finding]]:
-    """(channel -> role, roles of the map without a channel)."""
+def _roles_of_channels(recording: Recording, channel_map: ChannelMap | None,
+                      ) -> tuple[dict[str, tuple[str, str | None]], list[Finding]]:
+    """(channel -> role and the unit that the map gives; roles of the map without a channel)."""
     entries = channel_map.roles if channel_map else {role: RoleEntry(role) for role in ROLES}
     roles, findings = {}, []
     for role, entry in entries.items():
@@ -94,7 +88,7 @@ def _roles_of_channels(recording: Recording,
             findings.append(Finding("warning", "channel-map-mismatch", f"{role}: {problem}"))
             continue
         if name is not None:
-            roles[name] = role
+            roles[name] = role, entry.unit
         elif channel_map:
             findings.append(Finding(
                 "warning", "channel-map-mismatch", f"There is no channel '{entry.channel}' for {role} "
@@ -102,58 +96,41 @@ def _roles_of_channels(recording: Recording,
     return roles, findings
 
 
-def _channel_unit(channel: Channel, role: str | None, channel_map: ChannelMap | None) -> str | None:
-    """The unit that the map gives, or the log."""
-    entry = channel_map.roles.get(role) if channel_map and role else None
-    return (entry.unit if entry else None) or channel.unit
-
-
-@dataclass(frozen=True)
-class _Clock:
-    """The properties of one clock; see ChannelReport."""
-
-    keep: np.ndarray
-    rate: float | None
-    jitter: float
-    gaps: tuple[tuple[float, float], ...]
-    lost: int
-    description: str
-
-
-def _inspect_clock(time: np.ndarray, name: str, log: str) -> _Clock:
-    """Rate, gaps and jitter; also of a clock that a step would refuse."""
+def _inspect_clock(time: np.ndarray, name: str, log: str) -> tuple[np.ndarray, dict[str, Any]]:
+    """(samples that it keeps; what a ChannelReport says of it), also of a clock that a step would refuse."""
     known = np.flatnonzero(np.abs(time) < MAX_ABS_TIME)
     try:
-        clock, findings = clean_clock(time, name, log)
+        stamps, kept, findings = clean_clock(time, name, log)
         description = " ".join(f.text for f in findings)
-        keep = known if clock.keep is None else clock.keep
-        stamps = clock.time
+        keep = known if kept is None else kept
     except BadRecording as problem:
         description = f"wanted {problem.wanted}; found {problem.found}."
         keep = known[np.argsort(time[known], kind="stable")]
         stamps = np.unique(time[known])
     if len(stamps) < 2:
-        return _Clock(keep, None, 0.0, (), 0, description)
+        return keep, {"rate": None, "jitter": 0.0, "gaps": 0, "gap_times": (), "longest_gap": 0.0, "lost": 0,
+                      "clock": description}
     found = find_rates(stamps)
     if found:
         description = f"{description} It changes its rate: {', '.join(rate.text for rate in found)}.".lstrip()
     parts = [stamps[(stamps >= a) & (stamps < b)] for rate in found for a, b in rate.windows] or [stamps]
     grids = [(part, fit_grid(part)) for part in parts if len(part) > 1]
     gaps = tuple(sorted((float(part[i]), float(part[i + 1])) for part, grid in grids for i in grid.gaps))
-    return _Clock(keep, 1 / median_step(stamps), max(grid.jitter for _, grid in grids), gaps,
-                  sum(grid.lost for _, grid in grids), description)
+    return keep, {"rate": 1 / median_step(stamps),
+                  "jitter": max(grid.jitter for _, grid in grids), "gaps": len(gaps),
+                  "gap_times": gaps, "longest_gap": max((after - before for before, after in gaps), default=0.0),
+                  "lost": sum(grid.lost for _, grid in grids), "clock": description}
 
 
-def _channel_report(name: str, channel: Channel, role: str | None, clock: _Clock,
-                    unit: str | None) -> ChannelReport:
-    """The numbers of one channel."""
-    values, time = channel.values[clock.keep], channel.time[clock.keep]
+def _channel_report(name: str, channel: Channel, role: str | None, unit: str | None, keep: np.ndarray,
+                    clock: dict[str, Any]) -> ChannelReport:
+    """The numbers of one channel; clock: what _inspect_clock found."""
+    values, time = channel.values[keep], channel.time[keep]
     finite = values[np.isfinite(values)]
-    spike_places = clock.keep[remove_spikes(values)[1]]
+    spike_places = keep[remove_spikes(values)[1]]
     return ChannelReport(
         name, unit, role, len(values), len(values) - len(finite),
         float(time[0]) if len(time) else 0.0, float(time[-1] - time[0]) if len(time) else 0.0,
-        clock.rate, clock.jitter, (float(finite.min()), float(finite.max())) if len(finite) else (None, None),
-        len(clock.gaps), max((after - before for before, after in clock.gaps), default=0.0), clock.lost,
-        quantisation_step(values), len(spike_places), hold_count(values), clock.description, clock.gaps,
-        spike_places)
+        range=(float(finite.min()), float(finite.max())) if len(finite) else (None, None),
+        quantum=quantisation_step(values), spikes=len(spike_places), held=hold_count(values),
+        spike_places=spike_places, **clock)

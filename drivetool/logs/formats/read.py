@@ -6,7 +6,6 @@ import hashlib
 from collections.abc import Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
-from functools import partial
 from pathlib import Path
 
 from drivetool.errors import BadRecording
@@ -47,13 +46,14 @@ def read_recording(path: str | Path, channel_map: ChannelMap | None = None,
                            "Export the log to Parquet or MCAP.", READERS)
     if not path.is_dir() and path.stat().st_size == 0:
         raise BadRecording(f"data in {display_name(path)}", "an empty file", "Record or export it again.")
-    lenient = choose is not None
-    if choose is None:
-        choose = partial(_channels_of_roles, channel_map=channel_map, log=display_name(path), further=further)
+
+    def of_roles(available: Sequence[str]) -> Sequence[str]:
+        return list(choose_channels(available, channel_map, display_name(path), further).values())
+
     with ThreadPoolExecutor(1) as pool:
         # Beside the reading: it takes a quarter of the time, and both let go of the interpreter.
         sha256 = pool.submit(_file_digest, path)
-        recording = READERS[kind](path, choose, channel_map, lenient)
+        recording = READERS[kind](path, choose or of_roles, channel_map, lenient=choose is not None)
         return replace(recording, sha256=sha256.result())
 
 
@@ -70,9 +70,3 @@ def file_sha256(path: str | Path) -> str:
     """SHA-256 of a file."""
     with open(path, "rb") as stream:
         return hashlib.file_digest(stream, "sha256").hexdigest()
-
-
-def _channels_of_roles(available: Sequence[str], channel_map: ChannelMap | None, log: str,
-                       further: Sequence[str]) -> Sequence[str]:
-    """The channels that play a role."""
-    return list(choose_channels(available, channel_map, log, further).values())

@@ -3,6 +3,7 @@ from .speed_check import (
     MIN_LAG_LIKELIHOOD_GAIN as MIN_LAG_LIKELIHOOD_GAIN,
     compare_speed_and_angle as compare_speed_and_angle,
     differentiate as differentiate,
+    nearest_peak as nearest_peak,
 )
 from .spikes import (
     MAD_PER_STD as MAD_PER_STD,

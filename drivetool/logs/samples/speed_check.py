@@ -8,6 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from drivetool.errors import Finding
+from drivetool.logs import true_runs
 
 SCALE_TOLERANCE = 0.02  # a choice: rounded gear ratios and rated values differ by less, wrong units by far more
 MIN_SPEED_CORRELATION = 0.9  # a choice: below it (81 % of the variance) scale and delay have no meaning
@@ -79,8 +80,7 @@ def _longest_common_run(known: np.ndarray, segments: Iterable[tuple[int, int]]) 
     """The longest stretch where both are known, within one segment."""
     best = slice(0, 0)
     for first, last in segments:
-        part = np.concatenate([[False], known[first:last], [False]])
-        for a, b in np.flatnonzero(np.diff(part.astype(np.int8))).reshape(-1, 2):
+        for a, b in true_runs(known[first:last]):
             if b - a > best.stop - best.start:
                 best = slice(first + int(a), first + int(b))
     return slice(best.start, min(best.stop, best.start + MAX_COMPARED_SAMPLES))
@@ -147,19 +147,27 @@ def _agreement_delayed(a: np.ndarray, b: np.ndarray, length: int) -> SpeedAgreem
     curve = (correlate(a, part, mode="valid", method="fft") / size)[::-1]
     height = np.abs(curve)
     # A periodic motion agrees again one period later: climb from the nearest of near equals.
-    near_maximum = np.flatnonzero(height > height.max() - 0.1 * max(0.0, 1 - height.max()) - 1e-3)
-    at = int(near_maximum[np.argmin(np.abs(near_maximum - reach))])
-    while 0 < at < 2 * reach and height[at] < max(height[at - 1], height[at + 1]):
+    at, beside, peak = nearest_peak(height, height.max() - 0.1 * max(0.0, 1 - height.max()) - 1e-3,
+                                    np.abs(np.arange(2 * reach + 1) - reach))
+    return SpeedAgreement(float(np.sign(curve[at]) * min(peak, 1.0)), float(np.std(a) / np.std(b)),
+                          float(at - reach) + beside, length, len(a) / length)
+
+
+def nearest_peak(height: np.ndarray, least: float, distance: np.ndarray) -> tuple[int, float, float]:
+    """The peak of a correlation (n,) uphill from the place with the least distance (n,) of those above `least`.
+
+    returns  (index; from there to the top of the parabola through it and its neighbours; height of that top)
+    """
+    high = np.flatnonzero(height > least)
+    at, last = int(high[np.argmin(distance[high])]), len(height) - 1
+    while 0 < at < last and height[at] < max(height[at - 1], height[at + 1]):
         at += 1 if height[at + 1] > height[at - 1] else -1
-    lag, peak = float(at - reach), float(height[at])
-    if 0 < at < 2 * reach:
+    if 0 < at < last:
         left, mid, right = height[at - 1:at + 2]
         curvature = left - 2 * mid + right
         if curvature < 0:
-            lag += float(0.5 * (left - right) / curvature)
-            peak = mid - 0.125 * (left - right)**2 / curvature
-    return SpeedAgreement(float(np.sign(curve[at]) * min(peak, 1.0)), float(np.std(a) / np.std(b)), lag,
-                          length, len(a) / length)
+            return at, float(0.5 * (left - right) / curvature), float(mid - 0.125 * (left - right)**2 / curvature)
+    return at, 0.0, float(height[at])
 
 
 def _agreement_filtered(a: np.ndarray, b: np.ndarray, length: int) -> SpeedAgreement:

@@ -12,7 +12,7 @@ from dataclasses import replace
 import numpy as np
 
 from drivetool.errors import Finding
-from drivetool.logs import INPUTS, Experiment, Signal, median_step, quantity
+from drivetool.logs import INPUTS, Experiment, Signal, median_step, quantity, true_runs
 from drivetool.logs.samples.spikes import STD_PER_MAD, hold_count, quantisation_step, remove_spikes, running_median
 
 # A choice: fewer samples give no shares to test; more do not change whether a sensor is quantised, and take longer.
@@ -83,13 +83,11 @@ def _detect_held(role: str, values: np.ndarray, time: np.ndarray) -> Detection:
 
 def _detect_interpolated(role: str, values: np.ndarray, time: np.ndarray) -> Detection:
     """Sensors of which a logger has drawn straight lines between the values that it had."""
-    inside, none = _between_neighbours(values), np.zeros(len(values), bool)
-    if inside.mean() < MIN_ON_LINE_SHARE:
-        return none, []
+    inside = _between_neighbours(values)
     lengths = np.diff(np.flatnonzero(~inside & np.isfinite(values)))
     usual = int(np.median(lengths)) if len(lengths) else 0
-    if usual < 2 or np.mean(lengths == usual) < MIN_EQUAL_PIECES_SHARE:
-        return none, []
+    if inside.mean() < MIN_ON_LINE_SHARE or usual < 2 or np.mean(lengths == usual) < MIN_EQUAL_PIECES_SHARE:
+        return np.zeros(len(values), bool), []
     step = median_step(time)
     return inside, [Finding(
         "warning", "samples-not-measured", f"{role} is linear over {usual} samples each: it was measured at "
@@ -120,7 +118,7 @@ def _detect_saturated(role: str, values: np.ndarray, _: np.ndarray) -> Detection
         there = values == end
         # Standstill is exactly zero without saturation.
         if end == 0.0 or there.sum() < max(MIN_SATURATED_SHARE * len(known), MIN_SATURATED_RUN) or \
-                _longest_run(there) < MIN_SATURATED_RUN:
+                np.diff(true_runs(there)).max() < MIN_SATURATED_RUN:
             continue
         missing |= there
         findings.append(Finding(
@@ -190,9 +188,3 @@ def _has_noise(values: np.ndarray) -> bool:
     """Whether a signal has noise, so that steady motion does not repeat its values."""
     change = np.diff(values)
     return bool(np.mean(change[1:] * change[:-1] < 0.0) > MIN_REVERSAL_SHARE)
-
-
-def _longest_run(mask: np.ndarray) -> int:
-    """Length of the longest run of true values."""
-    edges = np.flatnonzero(np.diff(np.concatenate([[False], mask, [False]]).astype(np.int8)))
-    return int((edges[1::2] - edges[::2]).max(initial=0))

@@ -46,12 +46,12 @@ def read_mcap(path: Path, choose: Choose, channel_map: ChannelMap | None,
     """
     source = McapSource(path)
     findings = _damage_findings(source)
-    fields, unreadable = _open_topics(source)
     if not source.topics:
         found = "none that can be read"
         if source.damage:
             found += f" ({_damage_text(source.damage)})"
         raise BadRecording(f"messages in {display_name(path)}", found, "Record or export it again.")
+    fields, unreadable = _open_topics(source)
     others = ", ".join(f"{name} ({why})" for name, why in unreadable.items())
     if not fields and not lenient:
         raise BadRecording(f"topics of {display_name(path)} that can be read ({', '.join(ENCODINGS)})",
@@ -65,16 +65,15 @@ def read_mcap(path: Path, choose: Choose, channel_map: ChannelMap | None,
         raise BadRecording(problem.wanted, f"{problem.found}; topics that are not read: {others}",
                            problem.do, problem.available) from None
     parts = _group_by_clock(wanted, names, fields, channel_map, None, display_name(path), lenient)
-    findings += _repeated_topic_findings(source, {fields[part.topic].topic for part in parts})
+    findings += _repeated_topic_findings(source, {source.topics[part.topic].topic for part in parts})
     channels, origin = _decode_parts(source, fields, parts, display_name(path), findings, unreadable, lenient)
     late = sorted({part.topic for part in parts if part.stamp is None
                    for name in part.channels if name in channels and find_batches(channels[name].time)})
     for stamp in STAMP_CANDIDATES if late else ():
-        more: list[Finding] = []
         try:
             parts = _group_by_clock(wanted, names, fields, channel_map, TimeEntry(stamp), display_name(path),
                                     lenient)
-            steady, begin = _decode_parts(source, fields, parts, display_name(path), more, unreadable, lenient)
+            steady, begin = _decode_parts(source, fields, parts, display_name(path), [], unreadable, lenient)
         except BadRecording:
             continue
         if not any(find_batches(each.time) for each in steady.values()):
@@ -174,7 +173,7 @@ def _decode_parts(source: McapSource, fields: Mapping[str, Fields], parts: list[
             if named in MESSAGE_TIMES:
                 columns = [*columns, block.head[named][mine].view(np.int64)]
             if not good.all():
-                broken[part.topic] = broken[part.topic] + int(np.sum(~good))
+                broken[part.topic] += int(np.sum(~good))
                 columns = [column[good] for column in columns]
             for collector, column in zip(collected, columns, strict=True):
                 collector.add(column)
@@ -221,7 +220,8 @@ def _damage_findings(source: McapSource) -> list[Finding]:
     if not source.damage:
         return []
     evidence, of = {"messages": source.count, "places": len(source.damage)}, ""
-    if source.recorded is not None and source.recorded > source.count + source.repeated_count:
+    if source.recorded is not None and source.recorded > source.count + sum(
+            each.count for each, _ in source.repeated):
         evidence["recorded"] = source.recorded
         of = f" of {source.recorded}"
     return [Finding("warning", "log-damaged",
@@ -233,11 +233,12 @@ def _damage_findings(source: McapSource) -> list[Finding]:
 def _repeated_topic_findings(source: McapSource, topics: set[str]) -> list[Finding]:
     """One finding per channel of these topics that is left out, since another one holds its messages."""
     return [Finding("warning", "topic-duplicated",
-                    f"{each.topic} is in {display_name(source.path)} twice: channel {each.channel} duplicates "
-                    f"the messages of channel {each.used}. Channel {each.used} is used.",
-                    {"topic": each.topic, "used": each.used, "messages": each.used_count, "left_out": each.channel,
-                     "messages_left_out": each.count}, "Check whether two recorders ran.")
-            for each in source.repeated if each.topic in topics]
+                    f"{each.topic} is in {display_name(source.path)} twice: channel {each.channels[0]} duplicates "
+                    f"the messages of channel {used.channels[0]}. Channel {used.channels[0]} is used.",
+                    {"topic": each.topic, "used": used.channels[0], "messages": used.count,
+                     "left_out": each.channels[0], "messages_left_out": each.count},
+                    "Check whether two recorders ran.")
+            for each, used in source.repeated if each.topic in topics]
 
 
 def _damage_text(damage: list[str]) -> str:

@@ -59,7 +59,7 @@ def read_long(tables: list[pa.Table], schema: pa.Schema, log: str, choose: Choos
         raise BadRecording(f"a time column in {log}", f"columns {', '.join(schema.names)}",
                            "Name it with `time: {channel: ..., unit: ...}` in the channel map.")
     names, codes = _dictionary_codes(table, _find_column(schema, CHANNEL_NAMES))
-    time, origin = table_time([table], stamp, schema, channel_map.time if channel_map else None, log)
+    time, origin = table_time(table, stamp, schema, channel_map.time if channel_map else None, log)
     values = column_numbers(table, (_find_column(schema, VALUE_NAMES),), "value", log)
     unit_column = _find_column(schema, UNIT_NAMES)
     units, unit_codes = _dictionary_codes(table, unit_column) if unit_column \

@@ -198,18 +198,15 @@ def _recording(tables: list[pa.Table], schema: pa.Schema, wanted: list[str], nam
     """
     import pyarrow as pa
 
-    table = tables[0]
-    if len(tables) > 1:
-        main = stamps[None]
-        if main:
-            firsts = [_first_stamp(table_time([each], main, schema, channel_map and channel_map.time, log))
-                      for each in tables]
-            tables = [tables[i] for i in np.argsort(firsts, kind="stable")]
-        table = pa.concat_tables(tables, promote_options="permissive")
+    if len(tables) > 1 and stamps[None]:
+        firsts = [_first_stamp(table_time(each, stamps[None], schema, channel_map and channel_map.time, log))
+                  for each in tables]
+        tables = [tables[i] for i in np.argsort(firsts, kind="stable")]
+    table = pa.concat_tables(tables, promote_options="permissive")
     clocks = {}
     for entry, column in stamps.items():
         given = entry or (channel_map.time if channel_map else None)
-        clocks[entry] = table_time([table], column, schema, given, log) if column else \
+        clocks[entry] = table_time(table, column, schema, given, log) if column else \
             (from_step(schema, table.num_rows, log), origin_of(schema))
     own = {}
     for entry in channel_map.roles.values() if channel_map else ():

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Sequence
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -30,14 +29,11 @@ def time_column(schema: pa.Schema, entry: TimeEntry | None, log: str) -> str | N
             raise BadRecording(f"time channel '{entry.channel}'", f"no such column in {log}",
                                "Correct `time` in the channel map.", schema.names)
         return entry.channel
-    for known in TIME_NAMES:
-        for name in schema.names:
-            if re.fullmatch(rf"{known}(_?\[?(s|ms|us|ns)\]?)?", name.strip().lower()):
-                return name
-    return None
+    return next((name for known in TIME_NAMES for name in schema.names
+                 if re.fullmatch(rf"{known}(_?\[?(s|ms|us|ns)\]?)?", name.strip().lower())), None)
 
 
-def table_time(tables: Sequence[pa.Table], column: str, schema: pa.Schema, entry: TimeEntry | None,
+def table_time(table: pa.Table, column: str, schema: pa.Schema, entry: TimeEntry | None,
                log: str) -> tuple[np.ndarray, float]:
     """((n,) seconds, origin [s]) of a time column.
 
@@ -47,15 +43,13 @@ def table_time(tables: Sequence[pa.Table], column: str, schema: pa.Schema, entry
     import pyarrow as pa
     import pyarrow.compute as pc
 
-    table = tables[0]
     steps = column_path(column, schema)
-    kind = field_at(schema, steps).type
+    kind, unit = field_at(schema, steps).type, _time_unit(column, schema, steps, entry)
     if pa.types.is_timestamp(kind) or pa.types.is_duration(kind) or pa.types.is_integer(kind):
         stored = table.column(steps[0])
         for step in steps[1:]:
             stored = pc.struct_field(stored, step)
         if pa.types.is_integer(kind):
-            unit = _time_unit(column, schema, steps, entry)
             ticks = _TICKS[parse_unit(unit, "time", f"the integer time column '{column}' of {log}").text]
         else:
             ticks = _TICKS[kind.unit]
@@ -65,7 +59,6 @@ def table_time(tables: Sequence[pa.Table], column: str, schema: pa.Schema, entry
     except BadRecording:
         raise BadRecording(f"numbers or time stamps in the time column '{column}' of {log}", f"{kind}",
                            "Name another with `time:` in the channel map, or export it as time stamps.") from None
-    unit = _time_unit(column, schema, steps, entry)
     to_si = parse_unit(unit or "s", "time", f"time column '{column}' of {log}").to_si
     if pa.types.is_float32(kind):
         require_time_resolution(seconds, to_si, column, log)
@@ -75,11 +68,16 @@ def table_time(tables: Sequence[pa.Table], column: str, schema: pa.Schema, entry
 
 def origin_of(schema: pa.Schema) -> float:
     """`origin` [s] in the metadata of a table, from which its seconds are counted; 0 if there is none."""
+    return _metadata_number(schema, b"origin")
+
+
+def _metadata_number(schema: pa.Schema, key: bytes) -> float:
+    """A number in the metadata of a table; 0 if there is none, or none that is finite."""
     try:
-        origin = float((schema.metadata or {}).get(b"origin", 0))
+        found = float((schema.metadata or {}).get(key, 0))
     except ValueError:
         return 0.0
-    return origin if np.isfinite(origin) else 0.0
+    return found if np.isfinite(found) else 0.0
 
 
 def _time_unit(column: str, schema: pa.Schema, steps: tuple, entry: TimeEntry | None) -> str | None:
@@ -97,11 +95,8 @@ def _from_ticks(column: pa.ChunkedArray, per_second: int, entry: TimeEntry | Non
     """Integer time stamps, counted from the first one before they become floats."""
     import pyarrow.compute as pc
 
-    if not column.null_count:
-        ticks = unwrap_counter(np.asarray(column.to_numpy(), dtype=np.int64), entry)
-        return (ticks - ticks[0]) / per_second, int(ticks[0]) / per_second
     missing = np.asarray(column.is_null().to_numpy())
-    ticks = np.asarray(pc.fill_null(column, 0).to_numpy(), dtype=np.int64)
+    ticks = np.array(pc.fill_null(column, 0).to_numpy(), dtype=np.int64)
     known = ticks[~missing] = unwrap_counter(ticks[~missing], entry)
     first = int(known[0]) if len(known) else 0
     seconds = (ticks - first) / per_second
@@ -111,12 +106,8 @@ def _from_ticks(column: pa.ChunkedArray, per_second: int, entry: TimeEntry | Non
 
 def from_step(schema: pa.Schema, count: int, log: str) -> np.ndarray:
     """Time of a table without a time column, from `step` in its metadata."""
-    text = (schema.metadata or {}).get(b"step")
-    try:
-        step = float(text) if text else 0.0
-    except ValueError:
-        step = 0.0
-    if not (np.isfinite(step) and step > 0):
+    step = _metadata_number(schema, b"step")
+    if not step > 0:
         raise BadRecording(f"a time column in {log}", f"columns {', '.join(schema.names[:20])}",
                            "Name it with `time: {channel: ..., unit: ...}` in the channel map.", TIME_NAMES)
     return np.arange(count) * step

@@ -7,7 +7,6 @@ from collections import deque
 from collections.abc import Callable, Iterable, Iterator
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
-from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -34,7 +33,7 @@ from drivetool.logs.formats.mcap.container.records import (
     read_summary,
 )
 from drivetool.logs.formats.mcap.container.recover import recover
-from drivetool.logs.formats.mcap.container.sources import Repeated, find_sources
+from drivetool.logs.formats.mcap.container.sources import find_sources
 
 NO_SCHEMA = Schema(0, b"", "", "")
 # Unpacked chunks up to this size [bytes] stay in memory between the two passes. A choice: memory against time.
@@ -45,7 +44,7 @@ class McapSource:
     """An opened MCAP file.
 
     topics    name -> source of messages, those with messages only
-    repeated  channels that hold what another one holds, and are not read
+    repeated  channels that hold what another one holds, and are not read, each with that other one
     damage    what was wrong, in order
     recorded  messages that the statistics count; None where there are none
     """
@@ -53,8 +52,6 @@ class McapSource:
     def __init__(self, path: Path):
         """Map the file and look through all of it; BadRecording if it is not MCAP at all."""
         self.path, self.damage = path, []
-        self.topics: dict[str, Topic] = {}
-        self.repeated: list[Repeated] = []
         self._schemas: dict[int, Schema] = {}
         self._channels: dict[int, Topic] = {}
         with path.open("rb") as file:
@@ -87,11 +84,6 @@ class McapSource:
         """Messages that can be read, those that are there twice once."""
         return sum(topic.count for topic in self.topics.values())
 
-    @property
-    def repeated_count(self) -> int:
-        """Messages that are left out, since another channel holds them."""
-        return sum(each.count for each in self.repeated)
-
     def blocks(self) -> Iterator[Block]:
         """The blocks with messages once more."""
         return iter(self._kept) if self._kept is not None else self._read([])
@@ -99,7 +91,8 @@ class McapSource:
     def _read(self, damage: list[str]) -> Iterator[Block]:
         """Block by block through the file; notes what is damaged."""
         chunks = [each for each in self._top.others.values() if each[0] in (CHUNK, CUT_CHUNK)]
-        opened = _prefetched(partial(_unpack_chunk, room=Arena()), chunks)
+        room = Arena()
+        opened = _prefetched(lambda chunk: open_chunk(chunk[1], room, cut=chunk[0] == CUT_CHUNK), chunks)
         for code, content in self._top.others.values():
             if code == CHUNK:
                 yield from self._chunk(*next(opened), damage)
@@ -177,12 +170,6 @@ class McapSource:
                 topic.samples += [block.content(index) for index in
                                   mine[_first_of_each_length(block.lengths[mine])][:MAX_SAMPLE_MESSAGES
                                                                                    - len(topic.samples)]]
-
-
-def _unpack_chunk(chunk: tuple[int, memoryview], room: Arena) -> tuple[np.ndarray, str]:
-    """A chunk unpacked; see open_chunk."""
-    code, content = chunk
-    return open_chunk(content, room, cut=code == CUT_CHUNK)
 
 
 def _prefetched(work: Callable, items: Iterable, ahead: int = 4) -> Iterator:

@@ -19,7 +19,7 @@ Channels that repeat each other in all that was recorded are no risk: either giv
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Iterator, Mapping
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from itertools import combinations
 
 import numpy as np
@@ -30,15 +30,7 @@ from drivetool.logs.formats.mcap.container.messages import MAX_SAMPLE_MESSAGES, 
 _MATCH_FIELDS = ("publish_time", "sequence")
 
 
-@dataclass(frozen=True)
-class Repeated:
-    """A channel that is left out, the one that is read in its place, and how many messages each has."""
-
-    topic: str
-    channel: int
-    count: int
-    used: int
-    used_count: int
+Repeated = tuple[Topic, Topic]  # a channel that is left out, and the one that is read in its place
 
 
 def find_sources(channels: Mapping[int, Topic],
@@ -55,7 +47,8 @@ def find_sources(channels: Mapping[int, Topic],
         kinds.setdefault(_source_key(each), []).append(each)
     found: list[Topic] = []
     repeated: list[Repeated] = []
-    heads = _collect_by_channel([each for kind in kinds.values() if len(kind) > 1 for each in kind], blocks, _heads)
+    heads = _collect_by_channel([each for kind in kinds.values() if len(kind) > 1 for each in kind], blocks,
+                                lambda block, which: block.head[which])
     for kind in kinds.values():
         if _one_after_the_other(kind, heads):
             found.append(_merge_channels(kind))
@@ -84,10 +77,6 @@ def _collect_by_channel(wanted: list[Topic], blocks: Callable[[], Iterable[Block
             which = np.flatnonzero(block.head["channel"] == number)
             pieces[number].append(read(block, which))
     return {number: np.concatenate(parts) for number, parts in pieces.items()}
-
-
-def _heads(block: Block, which: np.ndarray) -> np.ndarray:
-    return block.head[which]
 
 
 def _hashes(block: Block, which: np.ndarray) -> np.ndarray:
@@ -123,7 +112,7 @@ def _without_repeats(kind: list[Topic], heads: Mapping[int, np.ndarray],
         if twin is None:
             kept.append(each)
         else:
-            repeated.append(Repeated(each.topic, mine, each.count, twin.channels[0], twin.count))
+            repeated.append((each, twin))
     return kept, repeated
 
 

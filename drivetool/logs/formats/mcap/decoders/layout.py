@@ -8,7 +8,6 @@ message that matches no other is read alone, from the same walk.
 
 from __future__ import annotations
 
-import struct
 from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any
@@ -88,7 +87,7 @@ class BrokenMessage(ValueError):
     """A message that is not what its schema says."""
 
 
-DECODE_ERRORS = (BrokenMessage, struct.error, IndexError, RecursionError)
+DECODE_ERRORS = (BrokenMessage, IndexError, RecursionError)
 
 
 @dataclass(frozen=True)
@@ -247,12 +246,7 @@ def _leaf_number(message: bytes, leaf: Any) -> float | int:
     if leaf.kind in VARINTS:
         raw = np.frombuffer(message, np.uint8, leaf.size, leaf.offset)
         return _varints(raw[None], leaf.kind)[0].item()
-    order, code = leaf.kind[0], leaf.kind[1:]
-    return struct.unpack_from(order + _STRUCT[code], message, leaf.offset)[0]
-
-
-_STRUCT = {"u1": "B", "i1": "b", "u2": "H", "i2": "h", "u4": "I", "i4": "i", "u8": "Q", "i8": "q", "f4": "f",
-           "f8": "d"}
+    return np.frombuffer(message, leaf.kind, 1, leaf.offset)[0].item()
 
 
 def _signed(values: np.ndarray) -> np.ndarray:

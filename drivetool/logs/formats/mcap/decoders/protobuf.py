@@ -75,9 +75,7 @@ def _field_of_descriptor(descriptor: bytes, proto3: bool) -> tuple[int, Field]:
     kind, repeated = numbers.get(5, 0), numbers.get(4) == _REPEATED
     # Only a proto3 field that is neither optional nor in a oneof is left out when it is zero.
     implicit = proto3 and 9 not in numbers and not numbers.get(17)
-    default = None
-    if implicit and kind in _SCALARS:
-        default = 0.0 if kind in (1, 2) else 0
+    default = (0.0 if kind in (1, 2) else 0) if implicit and kind in _SCALARS else None
     return numbers.get(3, 0), Field(_first_text(parts, 1), kind, _first_text(parts, 6).lstrip("."), repeated,
                                     default)
 

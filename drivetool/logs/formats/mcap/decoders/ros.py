@@ -13,25 +13,20 @@ from drivetool.logs.formats.mcap.decoders.ros_types import Types, parse_definiti
 MAX_LIST_LENGTH = 100_000
 
 
-def ros1_walk(name: str, definition: str) -> tuple[Walk, Types]:
-    """How a ROS 1 message is walked: no alignment, low byte first; Broken: a definition that is none."""
-    types = parse_definition(name, definition, ros2=False)
-    return partial(_walk, name=name, types=types, cdr=False), types
+def ros_walk(name: str, definition: str, cdr: bool) -> tuple[Walk, Types]:
+    """How a message is walked.
 
-
-def cdr_walk(name: str, definition: str) -> tuple[Walk, Types]:
-    """How a ROS 2 message in CDR is walked: aligned numbers after a head that gives the byte order."""
-    types = parse_definition(name, definition, ros2=True)
-    return partial(_walk, name=name, types=types, cdr=True), types
+    cdr     ROS 2: aligned numbers after a head that gives the byte order; else ROS 1: no alignment, low byte first
+    raises  Broken: a definition that is none
+    """
+    types = parse_definition(name, definition, ros2=cdr)
+    return partial(_walk, name=name, types=types, cdr=cdr), types
 
 
 def _walk(message: bytes, name: str, types: Types, cdr: bool) -> WalkedMessage:
-    """One message; Broken or struct.error if it is not what its definition says."""
+    """One message; Broken if it is not what its definition says."""
     cursor = _Cursor(message, types, cdr)
-    tree = cursor.message(name)
-    if cursor.at > len(message):
-        raise BrokenMessage("a message that is too short")
-    return WalkedMessage(tree, cursor.mask)
+    return WalkedMessage(cursor.message(name), cursor.mask)
 
 
 class _Cursor:
@@ -54,7 +49,7 @@ class _Cursor:
         """The tree of a type."""
         fields = self.types[name]
         if not fields and self.cdr:
-            self.at += 1  # a message without fields is sent as one byte
+            self._take(1)  # a message without fields is sent as one byte
         return {field.name: self._value(field.kind) if field.count is None
                 else self._many(field.kind, field.count or self._length()) for field in fields}
 
@@ -63,17 +58,10 @@ class _Cursor:
         if isinstance(kind, tuple):
             code, size = kind
             self._align(size)
-            leaf = Leaf(self.at, self.order + code, size)
-            self.at += size
-            if self.at > len(self.bytes):
-                raise BrokenMessage("a message that is too short")
-            return leaf
-        return self._text() if kind == "string" else self._other(kind)
-
-    def _other(self, kind: str) -> dict[str, Any]:
+            return Leaf(self._take(size), self.order + code, size)
         if kind == "wstring":
             raise BrokenMessage("a wstring")
-        return self.message(kind)
+        return self._text() if kind == "string" else self.message(kind)
 
     def _many(self, kind: tuple[str, int] | str, count: int) -> Any:
         """A list of numbers, texts or messages."""
@@ -81,29 +69,29 @@ class _Cursor:
             code, size = kind
             if count:
                 self._align(size)
-            numbers = Numbers(self.at, self.order + code, size, count)
-            self.at += size * count
-            if self.at > len(self.bytes):
-                raise BrokenMessage("a message that is too short")
-            return numbers
+            return Numbers(self._take(size * count), self.order + code, size, count)
         if count > MAX_LIST_LENGTH:
             raise BrokenMessage(f"a list of {count}")
         return [self._value(kind) for _ in range(count)]
 
     def _text(self) -> Text:
         length = self._length()
-        first, self.at = self.at, self.at + length
+        first = self._take(length)
+        return Text(self.bytes[first:first + length - self.cdr * (length > 0)], first)
+
+    def _take(self, size: int) -> int:
+        """Where the next bytes begin, so many of them; the place moves behind them."""
+        first, self.at = self.at, self.at + size
         if self.at > len(self.bytes):
             raise BrokenMessage("a message that is too short")
-        return Text(self.bytes[first:first + length - self.cdr * (length > 0)], first)
+        return first
 
     def _length(self) -> int:
         """A length that is sent; it decides where what follows lies."""
         self._align(4)
-        length = struct.unpack_from(f"{self.order}I", self.bytes, self.at)[0]
-        self.mask[self.at:self.at + 4] = b"\xff\xff\xff\xff"
-        self.at += 4
-        return length
+        first = self._take(4)
+        self.mask[first:first + 4] = b"\xff\xff\xff\xff"
+        return struct.unpack_from(f"{self.order}I", self.bytes, first)[0]
 
     def _align(self, size: int) -> None:
         size = min(size, self.widest)

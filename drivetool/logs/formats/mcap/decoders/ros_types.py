@@ -63,10 +63,8 @@ def parse_definition(name: str, text: str, ros2: bool) -> Types:
     known = _ROS2 if ros2 else _ROS1
     for stamp, parts in _STAMPS[ros2].items():
         raw.setdefault(stamp, [(part, kind, None, None) for part, kind in parts])
-    types = {}
-    for owner, entries in raw.items():
-        types[owner] = tuple(Field(field, known.get(kind) or _full_name(kind, owner, raw), count, unit)
-                             for field, kind, count, unit in entries)
+    types = {owner: tuple(Field(field, known.get(kind) or _full_name(kind, owner, raw), count, unit)
+                          for field, kind, count, unit in entries) for owner, entries in raw.items()}
     types[name] = types[_short_name(name)]
     return types
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from contextlib import suppress
 from dataclasses import dataclass
 from typing import Any
 
@@ -24,24 +25,27 @@ _NANOSECONDS = ("nanosec", "nsec", "nsecs", "nanos", "nanoseconds")
 class Fields:
     """What can be read of a topic.
 
-    name     of the source; topic: what the file calls it
-    listed   paths of its numbers
-    trees    samples of its messages
-    unit     path -> unit as the file notes it, or None
-    columns  paths -> reader of columns, with a method read(places, lengths)
+    source       the topic
+    listed       paths of its numbers
+    trees        samples of its messages
+    schema_unit  path -> unit as the schema notes it, or None
+    columns      paths -> reader of columns, with a method read(places, lengths)
     """
 
-    topic: str
-    name: str
+    source: Topic
     listed: tuple[Path, ...]
     trees: tuple[Any, ...]
-    unit: Callable[[Path], str | None]
+    schema_unit: Callable[[Path], str | None]
     columns: Callable[[Sequence[Path]], Any]
+
+    def unit(self, path: Path) -> str | None:
+        """The unit that the file notes for a path, in the metadata of the channel or in the schema."""
+        return self.source.metadata.get(f"unit:{field_path.text_of(path)}") or self.schema_unit(path)
 
     def own(self, text: str) -> str:
         """A text without the name of the source or of its topic before it."""
-        rest = text.removeprefix(f"{self.name}.")
-        return rest if rest != text else text.removeprefix(f"{self.topic}.")
+        rest = text.removeprefix(f"{self.source.name}.")
+        return rest if rest != text else text.removeprefix(f"{self.source.topic}.")
 
     def path(self, text: str) -> Path | None:
         """The path behind a text, if there is such a number in one of the samples or the schema."""
@@ -52,7 +56,8 @@ class Fields:
         if path is None:
             return None
         found = [field_path.find(tree, path) for tree in self.trees]
-        return path if any(_is_number(node) and node is not None for node in found) else None
+        return path if any(
+            isinstance(node, bool) or (_is_number(node) and node is not None) for node in found) else None
 
     def stamp(self, text: str) -> tuple[Path, ...] | None:
         """The path of a time stamp, or those of its seconds and nanoseconds."""
@@ -87,59 +92,41 @@ def open_topic(topic: Topic) -> Fields:
     if topic.encoding == "protobuf":
         walk, types = protobuf.protobuf_walk(topic.schema.name, text)
     else:
-        make = ros.cdr_walk if topic.encoding == "cdr" else ros.ros1_walk
-        walk, types = make(topic.schema.name, text.decode("utf-8", "replace"))
+        walk, types = ros.ros_walk(topic.schema.name, text.decode("utf-8", "replace"), topic.encoding == "cdr")
         # A type that has no fields is sent as one byte after the head, filled up to four at most.
         if not types[topic.schema.name] and max(map(len, topic.samples)) > _NO_FIELDS:
             raise BrokenMessage(f"the definition of its schema {topic.schema.name} is empty")
     trees = []
     for sample in topic.samples:
-        try:
+        with suppress(*DECODE_ERRORS):
             trees.append(walk(sample).tree)
-        except DECODE_ERRORS:
-            continue
-
-    def unit(path: Path) -> str | None:
-        noted = topic.metadata.get(f"unit:{field_path.text_of(path)}")
-        return noted or (_ros_unit(types, topic.schema.name, path) if topic.encoding != "protobuf" else None)
 
     if not trees:
         raise BrokenMessage("messages that do not match their schema")
-    return Fields(topic.topic, topic.name, _listed_paths(trees), tuple(trees), unit,
-                  lambda paths: BinaryColumns(walk, list(paths)))
+    return Fields(
+        topic, _listed_paths(trees), tuple(trees),
+        lambda path: _ros_unit(types, topic.schema.name, path) if topic.encoding != "protobuf" else None,
+        lambda paths: BinaryColumns(walk, list(paths)))
 
 
 def _open_json(topic: Topic) -> Fields:
     """A topic in JSON; its schema is optional and may declare fields that the first messages lack."""
-    schema = None
-    if topic.schema.encoding == "jsonschema":
-        schema = json_text.loads(topic.schema.data)
+    schema = json_text.loads(topic.schema.data) if topic.schema.encoding == "jsonschema" else None
     trees = [tree for tree in map(json_text.loads, topic.samples) if tree is not None]
-    listed = list(_listed_paths(trees))
-    if schema:
-        listed = list(dict.fromkeys([*listed, *json_text.declared_paths(schema)]))
-
+    listed = tuple(dict.fromkeys([*_listed_paths(trees), *json_text.declared_paths(schema)]))
     if not trees and not listed:
         raise BrokenMessage("messages that are no JSON objects")
-
-    def unit(path: Path) -> str | None:
-        noted = topic.metadata.get(f"unit:{field_path.text_of(path)}")
-        return noted or json_text.schema_unit(schema, path)
-
-    return Fields(topic.topic, topic.name, tuple(listed), tuple(trees), unit, json_text.JsonColumns)
-
-
-def _is_number(node: Any) -> bool:
-    return isinstance(node, Leaf | Default | bool) or json_text.is_number(node)
+    return Fields(topic, listed, tuple(trees), lambda path: json_text.schema_unit(schema, path),
+                  json_text.JsonColumns)
 
 
 def _listed_paths(trees: Sequence[Any]) -> tuple[Path, ...]:
     """The numbers of all samples, in the order in which they are met."""
     return tuple(dict.fromkeys(path for tree in trees
-                               for path in field_path.paths(tree, _is_listed)))
+                               for path in field_path.paths(tree, _is_number)))
 
 
-def _is_listed(node: Any) -> bool:
+def _is_number(node: Any) -> bool:
     return isinstance(node, Leaf | Default) or json_text.is_number(node)
 
 
