@@ -7,7 +7,7 @@ from typing import Annotated
 import typer
 
 from drivetool.cli.options import common as cli
-from drivetool.cli.output import DONE, MISSED, guarded, say, write_stdout
+from drivetool.cli.output import DONE, MISSED, say, write_stdout
 from drivetool.site import BatchRequest
 
 HELP = ("A site of recordings: the recipe of its file, done with every recording of every machine on the cores "
@@ -50,15 +50,10 @@ def command(
     workers: Workers = None, scheduler: Scheduler = None, time_limit: TimeLimit = DEFAULT_TIME_LIMIT,
     memory_limit: MemoryLimit = None, explain: Explain = False, verify: Verify = False, retry: Retry = False,
     junit: Junit = None, markdown: Markdown = None, debug: cli.Debug = False, quiet: cli.Quiet = False,
-) -> None:
+) -> int:
     """See HELP."""
+    from drivetool.site import run
+
     request = BatchRequest(given, recipe, map, out, workers, scheduler, time_limit, memory_limit, explain, verify,
-                           retry,
-                           junit, markdown, lambda text: None if quiet else say("batch", text), write_stdout)
-
-    def work() -> int:
-        from drivetool.site import run
-
-        return DONE if run(request, typer_context.obj) else MISSED
-
-    guarded("batch", work, debug, quiet)
+                           retry, junit, markdown, lambda text: None if quiet else say("batch", text), write_stdout)
+    return DONE if run(request, typer_context.obj) else MISSED

@@ -19,7 +19,7 @@ from drivetool.cli.options import (
     open_all,
     with_torques,
 )
-from drivetool.cli.output import deliver, draw_recordings, guarded
+from drivetool.cli.output import deliver, draw_recordings
 from drivetool.cli.parts import swap as sides
 from drivetool.errors import BadOption, DriveToolError
 
@@ -66,25 +66,20 @@ def command(
     noise_order: cli.NoiseOrder = None, machine: Machines = None, swap: Swap = False,
     set: cli.Set = None, out: cli.Out = None, json: cli.Json = False, plot: cli.Plot = None,
     strict: cli.Strict = False, debug: cli.Debug = False, quiet: cli.Quiet = False,
-) -> None:
+) -> int:
     """See HELP."""
-    job = Job("compare", logs, params or (), map, drive, set or (), out, json, plot, strict, debug, quiet,
+    from drivetool.identify.several import CompareOptions
+
+    job = Job("compare", logs, params or (), map, drive, set or (), out, json, plot, strict, quiet,
               condition or ())
-
-    def work() -> int:
-        if swap:
-            sides.check_words(logs, {
-                "--params": params, "--map": map, "--condition": condition, "--drive": drive,
-                "--structure": structure, "--order": order, "--noise-order": noise_order is not None,
-                "--machine": machine, "--set": set})
-            return sides.run(replace(job, given=(), params=logs))
-
-        from drivetool.identify.several import CompareOptions
-
-        names = tuple(dict.fromkeys(s.value for s in structure)) if structure else ("oe", "bj")
-        return run(job, CompareOptions(names, order, noise_order, machines_of(machine or (), job.logs)))
-
-    guarded("compare", work, debug, quiet)
+    if swap:
+        sides.check_words(logs, {
+            "--params": params, "--map": map, "--condition": condition, "--drive": drive,
+            "--structure": structure, "--order": order, "--noise-order": noise_order is not None,
+            "--machine": machine, "--set": set})
+        return sides.run(replace(job, given=(), params=logs))
+    names = tuple(dict.fromkeys(s.value for s in structure)) if structure else ("oe", "bj")
+    return run(job, CompareOptions(names, order, noise_order, machines_of(machine or (), job.logs)))
 
 
 def machines_of(words: Sequence[str], logs: Sequence[str]) -> dict[str, tuple[int, ...]]:

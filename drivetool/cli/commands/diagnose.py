@@ -21,7 +21,7 @@ from drivetool.cli.options import (
     record_differences,
     with_torques,
 )
-from drivetool.cli.output import deliver, draw_recordings, guarded, say
+from drivetool.cli.output import deliver, draw_recordings, say
 from drivetool.cli.parts import refuse_coast_downs
 from drivetool.errors import BadOption, DriveToolError
 from drivetool.files.disk import write_whole
@@ -53,24 +53,20 @@ def command(
     condition: cli.Condition = None, record: cli.Record = None, out: cli.Out = None, report: Report = None,
     json: cli.Json = False, plot: cli.Plot = None, strict: cli.Strict = False, debug: cli.Debug = False,
     quiet: cli.Quiet = False, explain: Explain = False,
-) -> None:
+) -> int:
     """See HELP."""
+    from drivetool.check.outcome import DiagnoseOptions
+    from drivetool.files.disk import recordings_in
+
     holdout_logs = tuple(holdout or ())
-    job = Job("diagnose", [*logs, *holdout_logs], params, map, None, (), out, json, plot, strict, debug, quiet,
+    job = Job("diagnose", [*logs, *holdout_logs], params, map, None, (), out, json, plot, strict, quiet,
               condition or (), record=record or ())
-
-    def work() -> int:
-        from drivetool.check.outcome import DiagnoseOptions
-        from drivetool.files.disk import recordings_in
-
-        codes = tuple(filter(None, (code.strip() for code in candidates.split(","))))
-        if candidates and not codes:
-            raise BadOption("at least one cause after --candidates", f"'{candidates}'",
-                            "Name causes, with commas between; drivetool effects lists them.")
-        return run(job, len(recordings_in(holdout_logs)), DiagnoseOptions(
-            codes, error_budget, rounds, seed, criterion.value), report, explain)
-
-    guarded("diagnose", work, debug, quiet)
+    codes = tuple(filter(None, (code.strip() for code in candidates.split(","))))
+    if candidates and not codes:
+        raise BadOption("at least one cause after --candidates", f"'{candidates}'",
+                        "Name causes, with commas between; drivetool effects lists them.")
+    return run(job, len(recordings_in(holdout_logs)), DiagnoseOptions(
+        codes, error_budget, rounds, seed, criterion.value), report, explain)
 
 
 def run(job: Job, held_count: int, options: DiagnoseOptions, report: str | None, explain: bool = False) -> int:

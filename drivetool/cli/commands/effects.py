@@ -7,7 +7,7 @@ from typing import Annotated
 import typer
 
 from drivetool.cli.options import common as cli
-from drivetool.cli.output import DONE, guarded, show_entries
+from drivetool.cli.output import DONE, show_entries
 
 HELP = "The catalogue of physical effects. What each does, its parameters, and what a record must contain."
 EXAMPLE = "drivetool effects backlash"
@@ -15,13 +15,8 @@ EXAMPLE = "drivetool effects backlash"
 Code = Annotated[str | None, typer.Argument(metavar="[CODE]", help="One effect, in full.")]
 
 
-def command(code: Code = None, json: cli.Json = False, debug: cli.Debug = False) -> None:
+def command(code: Code = None, json: cli.Json = False, debug: cli.Debug = False) -> int:
     """See HELP."""
-    guarded("effects", lambda: run(code, json), debug)
-
-
-def run(code: str | None, json: bool = False) -> int:
-    """Print; the exit code."""
     from drivetool.files.tables import catalogue, print_catalogue, print_entry
 
     show_entries("effects", catalogue(code), code is None, json, print_catalogue, print_entry)

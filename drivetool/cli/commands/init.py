@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from drivetool.cli.options import common as cli
-from drivetool.cli.output import DONE, guarded, say, write_stdout
+from drivetool.cli.output import DONE, say, write_stdout
 from drivetool.errors import BadOption, DriveToolError
 from drivetool.files.disk import check_target, write_whole
 
@@ -28,13 +28,8 @@ Out = Annotated[str, typer.Option(
     "--out", "-o", metavar="FILE", help="Where the site file goes; - is standard output. One that is there stays.")]
 
 
-def command(logs: Logs, out: Out = "site.yaml", debug: cli.Debug = False, quiet: cli.Quiet = False) -> None:
+def command(logs: Logs, out: Out = "site.yaml", debug: cli.Debug = False, quiet: cli.Quiet = False) -> int:
     """See HELP."""
-    guarded("init", lambda: run(logs, out, quiet), debug, quiet)
-
-
-def run(logs: list[str], out: str, quiet: bool) -> int:
-    """Look, write; the exit code."""
     from drivetool.site.plan import first_site
 
     if out != "-":

@@ -9,7 +9,7 @@ from typing import Annotated
 import typer
 
 from drivetool.cli.options import common as cli
-from drivetool.cli.output import DONE, guarded, print_findings, print_table, table_console
+from drivetool.cli.output import DONE, print_findings, print_table, table_console
 from drivetool.errors import BadOption
 
 HELP = "The table of a file that another step wrote, or of two parameter files side by side."
@@ -23,18 +23,13 @@ def command(
     other: Annotated[str | None, typer.Argument(
         metavar="[FILE2]", help="A second parameter file. Each row has both values and their difference.")] = None,
     debug: cli.Debug = False,
-) -> None:
+) -> int:
     """See HELP."""
-    guarded("show", lambda: run(file, other), debug)
-
-
-def run(path: str, other: str | None = None) -> int:
-    """Read, print; the exit code."""
     from drivetool.files.yaml import load_result
 
     if other is not None:
-        return _compare((path, other))
-    content = load_result(path)
+        return _compare((file, other))
+    content = load_result(file)
     print_table(content)
     print_findings(content, stderr=False)
     return DONE

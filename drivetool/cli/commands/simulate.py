@@ -15,7 +15,7 @@ from drivetool.cli.options import (
     start_of,
     with_torques,
 )
-from drivetool.cli.output import draw, exit_code, guarded, say
+from drivetool.cli.output import draw, exit_code, say
 from drivetool.errors import BadOption
 from drivetool.files.disk import write_whole
 
@@ -39,11 +39,11 @@ def command(
     log: Log, out: Table, params: cli.Params = None, map: cli.Map = None, condition: cli.Condition = None,
     drive: cli.DriveName = None, set: cli.Set = None, segment: Segment = 0.0, start: cli.Start = None,
     plot: cli.Plot = None, strict: cli.Strict = False, debug: cli.Debug = False, quiet: cli.Quiet = False,
-) -> None:
+) -> int:
     """See HELP."""
-    job = Job("simulate", [log], params or (), map, drive, set or (), out, False, plot, strict, debug, quiet,
+    job = Job("simulate", [log], params or (), map, drive, set or (), out, False, plot, strict, quiet,
               condition or (), start=start or ())
-    guarded("simulate", lambda: run(job, segment), debug, quiet)
+    return run(job, segment)
 
 
 def run(job: Job, segment: float) -> int:

@@ -19,7 +19,7 @@ from drivetool.cli.options import (
     noted_options,
     open_all,
 )
-from drivetool.cli.output import deliver, draw_recordings, guarded, say
+from drivetool.cli.output import deliver, draw_recordings, say
 from drivetool.errors import DriveToolError
 
 if TYPE_CHECKING:
@@ -74,18 +74,13 @@ def command(
     period: Period = None, skip: Skip = None, output: Output = None, band: cli.Band = None,
     curves: Curves = None, out: cli.Out = None, json: cli.Json = False, plot: cli.Plot = None,
     strict: cli.Strict = False, debug: cli.Debug = False, quiet: cli.Quiet = False,
-) -> None:
+) -> int:
     """See HELP."""
-    job = Job("spectra", logs, (), map, None, (), out, json, plot, strict, debug, quiet, condition or ())
+    from drivetool.identify.frequency import SpectraOptions
 
-    def work() -> int:
-        from drivetool.identify.frequency import SpectraOptions
-
-        return run(job, SpectraOptions(method.value, estimator.value if estimator else None, window, length,
-            overlap,
-                                       period, skip, output, band), curves)
-
-    guarded("spectra", work, debug, quiet)
+    job = Job("spectra", logs, (), map, None, (), out, json, plot, strict, quiet, condition or ())
+    return run(job, SpectraOptions(method.value, estimator.value if estimator else None, window, length, overlap,
+                                   period, skip, output, band), curves)
 
 
 def run(job: Job, options: SpectraOptions, curves: str | None = None) -> int:

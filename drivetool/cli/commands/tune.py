@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from drivetool.cli.options import Job, check_outputs, common as cli, with_set_values
-from drivetool.cli.output import deliver, guarded
+from drivetool.cli.output import deliver
 from drivetool.errors import BadOption, BadParameters, nearest
 from drivetool.files.yaml import units
 
@@ -77,9 +77,9 @@ def command(
     draws: DrawCount = 200, map: Map = None,
     set: cli.Set = None, seed: cli.Seed = 1, per_unit: PerUnit = False, out: cli.Out = None, json: cli.Json = False,
     plot: cli.Plot = None, strict: cli.Strict = False, debug: cli.Debug = False, quiet: cli.Quiet = False,
-) -> None:
+) -> int:
     """See HELP."""
-    job = Job("tune", (), params, map, None, set or (), out, json, plot, strict, debug, quiet)
+    job = Job("tune", (), params, map, None, set or (), out, json, plot, strict, quiet)
     words = {
         "criterion": criterion, "max_sensitivity": max_sensitivity, "max_gain": max_gain,
         "weight": list(weight or ()), "converter": converter,
@@ -87,7 +87,7 @@ def command(
         "speed_filter": speed_filter, "speed": speed, "dead_time": dead_time.value,
         "confidence": confidence, "draws": draws,
         "seed": seed, "set": list(set or ()), "per_unit": per_unit}
-    guarded("tune", lambda: run(job, words), debug, quiet)
+    return run(job, words)
 
 
 def run(job: Job, words: dict[str, object]) -> int:

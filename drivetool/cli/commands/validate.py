@@ -23,7 +23,7 @@ from drivetool.cli.options import (
     record_differences,
     start_of,
 )
-from drivetool.cli.output import deliver, draw_recordings, guarded, say
+from drivetool.cli.output import deliver, draw_recordings, say
 from drivetool.cli.parts import (
     COAST_DOWN,
     replay_gains,
@@ -64,19 +64,15 @@ def command(
     gains: GainsPath = None, configuration: Configuration = None,
     plot: cli.Plot = None, strict: cli.Strict = False, debug: cli.Debug = False,
     quiet: cli.Quiet = False,
-) -> None:
+) -> int:
     """Each --params file is a model of its own; see HELP."""
-    job = Job("validate", logs, params, map, drive, (), out, json, plot, strict, debug, quiet, condition or (),
+    from drivetool.check.validation import ValidateOptions
+
+    job = Job("validate", logs, params, map, drive, (), out, json, plot, strict, quiet, condition or (),
               (gains,) if gains else (), start or (), record or ())
-
-    def work() -> int:
-        from drivetool.check.validation import ValidateOptions
-
-        options = ValidateOptions(min_fit, max_correlation, segment, seed, criterion=criterion.value,
-                                flux_decay=flux_decay)
-        return run(job, options) if gains is None else run_gains(job, options, gains, configuration)
-
-    guarded("validate", work, debug, quiet)
+    options = ValidateOptions(min_fit, max_correlation, segment, seed, criterion=criterion.value,
+                              flux_decay=flux_decay)
+    return run(job, options) if gains is None else run_gains(job, options, gains, configuration)
 
 
 def run_gains(job: Job, options: ValidateOptions, gains: str, configuration: str | None) -> int:
