@@ -31,19 +31,9 @@ HELP = ("Structures side by side. Each fitted on every record and checked on all
         "of its motors.")
 EXAMPLE = "drivetool compare one.parquet two.parquet --structure oe --out compare.yaml"
 
-
-class ComparedName(StrEnum):
-    """What can be compared."""
-
-    oe = "oe"
-    bj = "bj"
-    arx = "arx"
-    armax = "armax"
-    innovations = "innovations"
-    physical = "physical"
-    physical_innovations = "physical-innovations"
-
-
+# What can be compared.
+ComparedName = StrEnum("ComparedName", (
+    "oe", "bj", "arx", "armax", "innovations", "physical", "physical-innovations"))
 Structures = Annotated[list[ComparedName] | None, typer.Option(
     "--structure", help="Repeatable; physical is the drive fitted to simulate (K = 0), physical-innovations to "
     "predict. Default: oe and bj.")]

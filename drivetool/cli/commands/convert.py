@@ -14,12 +14,11 @@ from drivetool.files.disk import write_whole
 HELP = "A recording as Parquet in SI. The channels that play a role, named by it, each on its own clock."
 EXAMPLE = "drivetool convert steps.mcap --map map.yaml --out steps.parquet"
 
-Log = Annotated[str, typer.Argument(metavar="LOG", help="A recording, Parquet or MCAP, or the folder of one.")]
 Out = Annotated[str, typer.Option("--out", "-o", metavar="FILE.parquet", help="Where the Parquet goes.")]
 
 
 def command(
-    log: Log, out: Out, map: cli.Map = None, strict: cli.Strict = False, debug: cli.Debug = False,
+    log: cli.Log, out: Out, map: cli.Map = None, strict: cli.Strict = False, debug: cli.Debug = False,
     quiet: cli.Quiet = False,
 ) -> int:
     """See HELP."""

@@ -2,21 +2,15 @@
 
 from __future__ import annotations
 
-from typing import Annotated
-
-import typer
-
 from drivetool.cli.options import Job, check_outputs, common as cli
 from drivetool.cli.output import deliver
 
 HELP = "What is in a recording. Channels with unit, rate, range, gaps, spikes and the role they would get."
 EXAMPLE = "drivetool inspect steps.mcap --plot pictures"
 
-Log = Annotated[str, typer.Argument(metavar="LOG", help="A recording, Parquet or MCAP, or the folder of one.")]
-
 
 def command(
-    log: Log, map: cli.Map = None, out: cli.Out = None, json: cli.Json = False, plot: cli.Plot = None,
+    log: cli.Log, map: cli.Map = None, out: cli.Out = None, json: cli.Json = False, plot: cli.Plot = None,
     strict: cli.Strict = False, debug: cli.Debug = False, quiet: cli.Quiet = False,
 ) -> int:
     """See HELP."""

@@ -30,14 +30,11 @@ EXAMPLE = "drivetool simulate steps.parquet --params greybox.yaml --out sim.parq
 
 Log = Annotated[str, typer.Argument(metavar="LOG", help="Recording, Parquet or MCAP.")]
 Table = Annotated[str, typer.Option("--out", "-o", metavar="FILE", help="Where the Parquet table goes.")]
-Segment = Annotated[float, typer.Option(
-    "--segment", metavar="S", min=0.0,
-    help="Length in s of the free runs, each with start states of its own; 0: one free run.")]
 
 
 def command(
     log: Log, out: Table, params: cli.Params = None, map: cli.Map = None, condition: cli.Condition = None,
-    drive: cli.DriveName = None, set: cli.Set = None, segment: Segment = 0.0, start: cli.Start = None,
+    drive: cli.DriveName = None, set: cli.Set = None, segment: cli.FreeRun = 0.0, start: cli.Start = None,
     plot: cli.Plot = None, strict: cli.Strict = False, debug: cli.Debug = False, quiet: cli.Quiet = False,
 ) -> int:
     """See HELP."""

@@ -29,25 +29,10 @@ HELP = ("Frequency response from torque to a sensor, with coherence and uncertai
         "periods where the excitation repeats; several recordings are runs of one experiment.")
 EXAMPLE = "drivetool spectra chirp.parquet --length 1 --out spectra.yaml"
 
-
-class MethodName(StrEnum):
-    """How spectra are averaged."""
-
-    auto = "auto"
-    welch = "welch"
-    periodic = "periodic"
-
-
-class EstimatorName(StrEnum):
-    """Which noise the estimate assumes."""
-
-    h1 = "h1"
-    h2 = "h2"
-    h3 = "h3"
-    hv = "hv"
-    indirect = "indirect"
-
-
+# How spectra are averaged.
+MethodName = StrEnum("MethodName", ("auto", "welch", "periodic"))
+# Which noise the estimate assumes.
+EstimatorName = StrEnum("EstimatorName", ("h1", "h2", "h3", "hv", "indirect"))
 Method = Annotated[MethodName, typer.Option(
     "--method", help="Welch's frames, whole periods, or periods where there are some.")]
 EstimatorKind = Annotated[EstimatorName | None, typer.Option(

@@ -22,51 +22,42 @@ HELP = ("Settings of the speed controller. PI for load-torque steps under a limi
         "with margins and what uncertainty and backlash do to them.")
 EXAMPLE = 'drivetool tune -p backlash.yaml --converter "433,0.69,2 ms" --out gains.yaml'
 
-
-class DeadTimeForm(StrEnum):
-    """How the dead time enters."""
-
-    exact = "exact"
-    zero = "zero"
-
-
-def _option(*names: str, help: str, **more):
-    return typer.Option(*names, help=help, **more)
-
-
-Params = Annotated[list[str], _option(
+# How the dead time enters.
+DeadTimeForm = StrEnum("DeadTimeForm", ("exact", "zero"))
+Params = Annotated[list[str], typer.Option(
     "--params", "-p", metavar="FILE", help="Parameter file of an earlier step or by hand; several merge, later "
     "wins; - reads standard input.")]
-Map = Annotated[str | None, _option(
+Map = Annotated[str | None, typer.Option(
     "--map", "-m", metavar="FILE", help="Channel map; says whether a shaft torque is measured.")]
-Converter = Annotated[str | None, _option(
+Converter = Annotated[str | None, typer.Option(
     "--converter", metavar="BANDWIDTH[,DAMPING[,DEAD_TIME]]",
     help="Torque path, with units if not rad/s and s: '433,0.69,2 ms'. What is left out is as in the parameter "
     "file; a dead time that neither states counts as none.")]
-Criterion = Annotated[str, _option("--criterion", metavar="NAME", help="IAE, ISE, IE, ITSE, IT2SE ...")]
-Sensitivity = Annotated[float, _option("--max-sensitivity", metavar="MS", help="Largest sensitivity, above 1.")]
-MaxGain = Annotated[str | None, _option(
+Criterion = Annotated[str, typer.Option("--criterion", metavar="NAME", help="IAE, ISE, IE, ITSE, IT2SE ...")]
+Sensitivity = Annotated[float, typer.Option(
+    "--max-sensitivity", metavar="MS", help="Largest sensitivity, above 1.")]
+MaxGain = Annotated[str | None, typer.Option(
     "--max-gain", metavar="KP", help="Largest Kp, in the drive's unit; for a speed signal that is noisy.")]
-Weight = Annotated[list[str] | None, _option(
+Weight = Annotated[list[str] | None, typer.Option(
     "--weight", metavar="SIGNAL=W", help="Weight in the criterion of load_speed (1), motor_speed or "
     "motor_torque (0); repeatable.")]
-Configuration = Annotated[list[str] | None, _option(
+Configuration = Annotated[list[str] | None, typer.Option(
     "--configuration", metavar="NAME", help="siso, miso or mimo; repeatable. Default: all that fit the drive.")]
-Motors = Annotated[str | None, _option(
+Motors = Annotated[str | None, typer.Option(
     "--motors", metavar="NAMES", help="Driven bodies, separated by commas. Default: those called motor...")]
-Filter = Annotated[str | None, _option(
+Filter = Annotated[str | None, typer.Option(
     "--speed-filter", metavar="TIME", help="Time constant of the controller's filter of the speed: '2 ms'. It "
     "stands in series with the sensor.bandwidth of the parameter file.")]
-Speed = Annotated[str | None, _option(
+Speed = Annotated[str | None, typer.Option(
     "--speed", metavar="SPEED", help="Working speed of the first motor, at which friction is linearised: "
     "'1500 rpm'. Default: slow motion forward.")]
-DeadTime = Annotated[DeadTimeForm, _option(
+DeadTime = Annotated[DeadTimeForm, typer.Option(
     "--dead-time", help="exact, or zero: the printed 1 - s td/2 of Tallfors 2005, half the delay.")]
-Confidence = Annotated[float | None, _option(
+Confidence = Annotated[float | None, typer.Option(
     "--confidence", metavar="P", help="Hold the sensitivity in this share of the drives that the covariance "
     "allows, for example 0.95.")]
-DrawCount = Annotated[int, _option("--draws", metavar="N", min=20, max=100000, help="Of the covariance.")]
-PerUnit = Annotated[bool, _option("--per-unit", help="Table per unit; needs ratings in a parameter file.")]
+DrawCount = Annotated[int, typer.Option("--draws", metavar="N", min=20, max=100000, help="Of the covariance.")]
+PerUnit = Annotated[bool, typer.Option("--per-unit", help="Table per unit; needs ratings in a parameter file.")]
 
 
 def command(

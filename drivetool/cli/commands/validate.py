@@ -43,10 +43,6 @@ HELP = ("Check models on records not seen. Simulated fit, residuals, cross table
         "every --params file is a model of its own.")
 EXAMPLE = "drivetool validate other.parquet --params backlash.yaml --min-fit 95"
 
-Segment = Annotated[float, typer.Option(
-    "--segment", metavar="S", min=0.0,
-    help="Length in s of the free runs, each with start states of its own; 0: one free run.")]
-
 GainsPath = Annotated[str | None, typer.Option(
     "--gains", metavar="FILE", help="Gains that tune wrote: replay the closed loop on a record of a load step.")]
 Configuration = Annotated[str | None, typer.Option(
@@ -58,7 +54,7 @@ def command(
     drive: cli.DriveName = None,
     min_fit: cli.MinFit = None, max_correlation: cli.MaxCorrelation = 0.15,
     criterion: cli.CheckCriterion = cli.CheckCriterionName.simulation,
-    segment: Segment = 0.0, flux_decay: cli.FluxDecay = None,
+    segment: cli.FreeRun = 0.0, flux_decay: cli.FluxDecay = None,
     start: cli.Start = None, record: cli.Record = None, seed: cli.Seed = 1,
     out: cli.Out = None, json: cli.Json = False,
     gains: GainsPath = None, configuration: Configuration = None,
