@@ -19,9 +19,9 @@ from drivetool.cli.options import (
     open_all,
     with_torques,
 )
-from drivetool.cli.output import deliver, draw_recordings
+from drivetool.cli.output import deliver, recordings_drawn_on_failure
 from drivetool.cli.parts import swap as sides
-from drivetool.errors import BadOption, DriveToolError
+from drivetool.errors import BadOption
 
 if TYPE_CHECKING:
     from drivetool.identify.several import CompareOptions
@@ -112,11 +112,8 @@ def run(job: Job, options: CompareOptions) -> int:
     opened = open_all(job)
     opened, drive = with_torques(opened, drive_for(job, opened))
     refuse_copies([opened.experiments[i] for places in options.machines.values() for i in places])
-    try:
+    with recordings_drawn_on_failure(job, opened.experiments):
         found = compare(opened.experiments, drive, options)
-    except DriveToolError:
-        draw_recordings(job, opened.experiments)
-        raise
     used = asdict(options) | {"machines": {name: [opened.experiments[i].name for i in places]
                                            for name, places in options.machines.items()}}
     found = replace(found, options=noted_options(job, used), findings=collected_findings(

@@ -7,7 +7,7 @@ from typing import Annotated
 import typer
 
 from drivetool.cli.options import Job, check_outputs, common as cli
-from drivetool.cli.output import exit_code, say
+from drivetool.cli.output import exit_code, say, show_findings
 from drivetool.errors import BadOption
 from drivetool.files.disk import write_whole
 
@@ -22,10 +22,7 @@ def command(
     quiet: cli.Quiet = False,
 ) -> int:
     """See HELP."""
-    from rich.console import Console
-
     from drivetool.files.results import finding_sections, recording_bytes
-    from drivetool.files.tables import result_tables as tables
     from drivetool.files.yaml import load_channel_map
     from drivetool.logs.channels import in_si
     from drivetool.logs.formats import read_recording
@@ -39,7 +36,7 @@ def command(
     converted = in_si(read_recording(job.log, channel_map), channel_map)
     write_whole(out, recording_bytes(converted))
     if not quiet:
-        tables.print_findings(finding_sections(converted.findings), Console(stderr=True, highlight=False))
+        show_findings(finding_sections(converted.findings))
         counts = ", ".join(f"{len(c.values)} of {name} [{c.unit}]" for name, c in converted.channels.items())
         say("convert", f"wrote {out}: {counts}")
     return exit_code((finding.severity for finding in converted.findings), True, strict)

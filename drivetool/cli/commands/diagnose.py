@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import asdict, replace
 from typing import TYPE_CHECKING, Annotated
 
@@ -21,9 +20,9 @@ from drivetool.cli.options import (
     record_differences,
     with_torques,
 )
-from drivetool.cli.output import deliver, draw_recordings, say
+from drivetool.cli.output import deliver, recordings_drawn_on_failure, say
 from drivetool.cli.parts import refuse_coast_downs
-from drivetool.errors import BadOption, DriveToolError
+from drivetool.errors import BadOption
 from drivetool.files.disk import write_whole
 
 if TYPE_CHECKING:
@@ -104,13 +103,10 @@ def run(job: Job, held_count: int, options: DiagnoseOptions, report: str | None,
     check_base(loaded, drive)
     options = replace(options, candidates=chosen_causes(options.candidates, drive))
     sections = loaded.sections(drive)
-    try:
+    with recordings_drawn_on_failure(job, training):
         free = [name for name, section in sections.items() if section.status != "held" and not is_constant(name)
                 and name not in differences.free]
         found = diagnose(training, drive, free, options, holdout, loaded.starts(drive), differences.free)
-    except DriveToolError:
-        draw_recordings(job, training)
-        raise
     about_base = base_findings(loaded, training, holdout, options.criterion)
     all_findings = (*about_base, verdict_finding(found), *found.estimate.findings)
     used = asdict(options) | dict(found.estimate.options) | {
@@ -122,14 +118,9 @@ def run(job: Job, held_count: int, options: DiagnoseOptions, report: str | None,
     file = diagnosis_file(found, opened.inputs)
     if report is not None:
         write_whole(report, diagnosis_page(found, file, sections_before(sections, drive)))
-        _say_unless_quiet(job, f"wrote {report}")
+        if not job.quiet:
+            say(job.step, f"wrote {report}")
     code = deliver(job, file, found.exhibits)
     if explain:
         print_rule(file)
     return code
-
-
-def _say_unless_quiet(job: Job, *lines: Sequence[str]) -> None:
-    """Lines on standard error unless it should be quiet."""
-    for line in lines if not job.quiet else ():
-        say(job.step, line)

@@ -9,7 +9,7 @@ from typing import Annotated
 import typer
 
 from drivetool.cli.options import common as cli
-from drivetool.cli.output import DONE, print_findings, print_table, table_console
+from drivetool.cli.output import DONE, print_table, show_findings, table_console
 from drivetool.errors import BadOption
 
 HELP = "The table of a file that another step wrote, or of two parameter files side by side."
@@ -31,7 +31,7 @@ def command(
         return _compare((file, other))
     content = load_result(file)
     print_table(content)
-    print_findings(content, stderr=False)
+    show_findings(content.findings, stderr=False)
     return DONE
 
 

@@ -19,8 +19,7 @@ from drivetool.cli.options import (
     noted_options,
     open_all,
 )
-from drivetool.cli.output import deliver, draw_recordings, say
-from drivetool.errors import DriveToolError
+from drivetool.cli.output import deliver, recordings_drawn_on_failure, say
 
 if TYPE_CHECKING:
     from drivetool.identify.frequency import SpectraOptions
@@ -78,11 +77,8 @@ def run(job: Job, options: SpectraOptions, curves: str | None = None) -> int:
     check_outputs(job, curves=curves)
     opened = open_all(job)
     check_common_units(opened.experiments)
-    try:
+    with recordings_drawn_on_failure(job, opened.experiments):
         spectrum = spectra(opened.experiments, options)
-    except DriveToolError:
-        draw_recordings(job, opened.experiments)
-        raise
     used = {"motor_torque", spectrum.output, *reference_of(opened.experiments[0])}
     spectrum = replace(spectrum, options=noted_options(job, asdict(options)),
                        findings=collected_findings(opened, spectrum.findings, used, None, job.step))

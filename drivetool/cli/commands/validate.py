@@ -23,7 +23,7 @@ from drivetool.cli.options import (
     record_differences,
     start_of,
 )
-from drivetool.cli.output import deliver, draw_recordings, say
+from drivetool.cli.output import deliver, recordings_drawn_on_failure, say
 from drivetool.cli.parts import (
     COAST_DOWN,
     replay_gains,
@@ -31,7 +31,7 @@ from drivetool.cli.parts import (
     with_coast_down_criterion,
     with_flux_decay,
 )
-from drivetool.errors import BadOption, DriveToolError
+from drivetool.errors import BadOption
 
 if TYPE_CHECKING:
     from drivetool.check.validation import ValidateOptions
@@ -142,7 +142,7 @@ def run(job: Job, options: ValidateOptions) -> int:
                                                        records=differences[0].starts)), drives)
     fitted_on = [_fitted_recordings(source.file, opened.experiments) for source in opened.loaded.sources]
     more: dict[str, Any] = {"fitted_on": fitted_on} if any(fitted_on) else {}  # unknown for files written by hand
-    try:
+    with recordings_drawn_on_failure(job, opened.experiments):
         if options.criterion == COAST_DOWN:
             validation = validate_coast_downs(opened, drives, options, fitted_on, known)
         elif options.criterion == "inverse":
@@ -150,9 +150,6 @@ def run(job: Job, options: ValidateOptions) -> int:
         else:
             more |= {"known": known} if any(known) else {}
             validation = validate(opened.experiments, models, options, **more)
-    except DriveToolError:
-        draw_recordings(job, opened.experiments)
-        raise
     used = _noted(options) | dict(validation.options)
     used_roles = {role for _, drive, _ in models
              for role in used_by(job.step, opened.experiments, drive, options.criterion)}

@@ -21,8 +21,8 @@ from drivetool.cli.options import (
     windows_of,
     with_torques,
 )
-from drivetool.cli.output import deliver, draw_recordings
-from drivetool.errors import BadOption, DriveToolError
+from drivetool.cli.output import deliver, recordings_drawn_on_failure
+from drivetool.errors import BadOption
 
 if TYPE_CHECKING:
     from drivetool.identify.estimate import Estimate
@@ -99,11 +99,8 @@ def run(job: Job, estimator: Estimator, options: Options) -> int:
                       known=opened.loaded.covariance(drive, single=True),
                       start=replace(start_of(job.start, drive), records=differences.starts),
                       stages=windows_of(job.stages, drive.motion_unit))
-    try:
+    with recordings_drawn_on_failure(job, opened.experiments):
         estimate = estimator(opened.experiments, drive, options)
-    except DriveToolError:
-        draw_recordings(job, opened.experiments)
-        raise
     used = asdict(replace(options, known=None)) | dict(estimate.options) | {"set": list(job.set)}
     defaults = asdict(Options())  # the file states options of a single step only where they were requested
     used |= {"stages": job.stages} if job.stages else {}
