@@ -114,8 +114,10 @@ def _tune_options(job: Job, words: dict[str, object], drive: Drive, loaded: Load
                       float("inf") if gain is None else _number_in_unit(gain, gain_unit(drive), "--max-gain")),
         configurations=_configurations(words["configuration"]),
         motors=tuple(m.strip() for m in words["motors"].split(",")) if words["motors"] else None,
-        speed_filter=loaded.speed_filter if filter_time is None else _filter_time(filter_time),
-        speed=0.0 if speed is None else _working_speed(speed, drive),
+        speed_filter=loaded.speed_filter if filter_time is None else _limited_number(
+            filter_time, "s", "--speed-filter", "a filter time of zero or more", 1e3, least=0.0),
+        speed=0.0 if speed is None else _limited_number(
+            speed, f"{drive.motion_unit}/s", "--speed", "a working speed", 1e6),
         dead_time=words["dead_time"], shaft_torque=_shaft_torque(job, loaded), confidence=words["confidence"],
         draws=words["draws"], seed=words["seed"], known=loaded.covariance(drive), stds=loaded.stds(drive),
         ratings=rated and Ratings(*rated))
@@ -158,20 +160,12 @@ def _with_converter(drive: Drive, text: object) -> Drive:
         for name, unit, part in zip(names, units, parts, strict=False)})
 
 
-def _filter_time(text: object) -> float:
-    """A time of zero or more."""
-    value = _number_in_unit(text, "s", "--speed-filter")
-    if not 0.0 <= value < 1e3:
-        raise BadOption("a filter time of zero or more after --speed-filter", f"{value:g} s", "Correct it.")
-    return value
-
-
-def _working_speed(text: object, drive: Drive) -> float:
-    """A working speed in the drive's unit."""
-    unit = f"{drive.motion_unit}/s"
-    value = _number_in_unit(text, unit, "--speed")
-    if not abs(value) < 1e6:
-        raise BadOption("a working speed after --speed", f"{value:g} {unit}", "Correct it.")
+def _limited_number(text: object, unit: str, option: str, what: str, limit: float,
+                    least: float = float("-inf")) -> float:
+    """A number in a unit, its size below a limit."""
+    value = _number_in_unit(text, unit, option)
+    if not (least <= value and abs(value) < limit):
+        raise BadOption(f"{what} after {option}", f"{value:g} {unit}", "Correct it.")
     return value
 
 

@@ -61,12 +61,8 @@ class Loaded:
     @property
     def noise(self) -> Mapping[str, float]:
         """Of the last file that has any."""
-        return {k: v for k, v in self._last_section("noise").items() if v is not None}
-
-    @property
-    def details(self) -> Mapping[str, object]:
-        """Of the last file that has any."""
-        return self._last_section("details")
+        noise = next((source.file.noise for source in reversed(self.sources) if source.file.noise), {})
+        return {k: v for k, v in noise.items() if v is not None}
 
     def drive(self, default: Drive | None = None) -> Drive:
         """The drive of the files with their values.
@@ -143,8 +139,7 @@ class Loaded:
     def ratings(self, drive: Drive) -> tuple[float, float] | None:
         """(torque, speed) that 100 % stands for, in the units of `drive`; of the last file that has them."""
         for source in reversed(self.sources):
-            section = source.file.ratings
-            if section is not None:
+            if section := source.file.ratings:
                 return (_converted(section.torque, drive.torque_unit, "ratings.torque", source.name),
                         _converted(section.speed, f"{drive.motion_unit}/s", "ratings.speed", source.name))
         return None
@@ -152,22 +147,16 @@ class Loaded:
     @property
     def carried(self) -> dict[str, shapes.Shape]:
         """Sections that no estimator changes and every file takes over."""
-        found = {key: [getattr(source.file, key) for source in self.sources] for key in ("ratings", "controller")}
-        return {key: last for key, each in found.items() for last in [s for s in each if s is not None][-1:]}
+        return {key: section for source in self.sources for key in ("ratings", "controller")
+                if (section := getattr(source.file, key)) is not None}
 
     @property
     def speed_filter(self) -> float:
         """Time constant of the speed measurement's filter [s]; 0 where no file has one."""
         for source in reversed(self.sources):
-            section = source.file.controller
-            if section is not None and section.speed_filter is not None:
+            if (section := source.file.controller) and section.speed_filter:
                 return _converted(section.speed_filter, "s", "controller.speed_filter", source.name, least=0.0)
         return 0.0
-
-    def _last_section(self, key: str) -> Mapping:
-        """A section of the last file that has anything there."""
-        found = [getattr(source.file, key) for source in self.sources]
-        return next((section for section in reversed(found) if section), {})
 
     @property
     def own_units(self) -> tuple[str, str, str]:
@@ -215,19 +204,14 @@ def load_result(path: str | Path, stdin: BinaryIO | None = None) -> Result:
     if schema in others:
         return checked.result_file(raw, others[schema], name)
     if schema != shapes.PARAMETERS_SCHEMA:
+        advice = {
+            MAP_SCHEMA: "A channel map is an input: 'drivetool inspect LOG --map FILE' shows what it makes of "
+                        "a log.",
+            "no schema": f"Begin a parameter file with 'schema: {shapes.PARAMETERS_SCHEMA}'."}
         raise BadParameters("a file that a step wrote, to show its table", f"{schema} in {name}",
-                            _advice_without_table(schema), (shapes.PARAMETERS_SCHEMA, *others))
+                            advice.get(schema, checked.OTHER_SCHEMA_ADVICE), (shapes.PARAMETERS_SCHEMA, *others))
     loaded = Loaded((_checked_source(name, data),))
     return msgspec.structs.replace(loaded.sources[0].file, parameters=loaded.sections(loaded.drive()))
-
-
-def _advice_without_table(schema: str) -> str:
-    """What to do about a file that has no table."""
-    if schema == MAP_SCHEMA:
-        return "A channel map is an input: 'drivetool inspect LOG --map FILE' shows what it makes of a log."
-    if schema == "no schema":
-        return f"Begin a parameter file with 'schema: {shapes.PARAMETERS_SCHEMA}'."
-    return "Write the file again with this version of drivetool, or check it and change its schema line."
 
 
 def _checked_source(name: str, data: bytes) -> ParameterSource:
