@@ -7,7 +7,7 @@ from typing import Annotated
 import typer
 
 from drivetool.cli.options import common as cli
-from drivetool.cli.output import DONE, show_entries
+from drivetool.cli.output import show_entries
 
 HELP = "The catalogue of physical effects. What each does, its parameters, and what a record must contain."
 EXAMPLE = "drivetool effects backlash"
@@ -19,5 +19,4 @@ def command(code: Code = None, json: cli.Json = False, debug: cli.Debug = False)
     """See HELP."""
     from drivetool.files.tables import catalogue, print_catalogue, print_entry
 
-    show_entries("effects", catalogue(code), code is None, json, print_catalogue, print_entry)
-    return DONE
+    return show_entries("effects", catalogue(code), code is None, json, print_catalogue, print_entry)

@@ -7,7 +7,7 @@ from typing import Annotated
 import typer
 
 from drivetool.cli.options import common as cli
-from drivetool.cli.output import DONE, show_entries
+from drivetool.cli.output import show_entries
 
 HELP = "The finding codes. What each stands for, its severity, and what to do about it."
 EXAMPLE = "drivetool findings trend-alarm"
@@ -19,5 +19,4 @@ def command(code: Code = None, json: cli.Json = False, debug: cli.Debug = False)
     """See HELP."""
     from drivetool.files.tables import finding_entries, print_finding, print_findings_list
 
-    show_entries("findings", finding_entries(code), code is None, json, print_findings_list, print_finding)
-    return DONE
+    return show_entries("findings", finding_entries(code), code is None, json, print_findings_list, print_finding)

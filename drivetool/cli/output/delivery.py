@@ -8,7 +8,7 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from typing import TYPE_CHECKING, Any
 
-from drivetool.cli.output.exit_codes import exit_code, say, write_stdout
+from drivetool.cli.output.exit_codes import DONE, exit_code, say, write_stdout
 from drivetool.errors import DriveToolError
 from drivetool.files.disk import write_whole
 
@@ -124,8 +124,8 @@ def _say_outcome(job: Job, file: Written, pictures: Sequence[str]) -> None:
 
 
 def show_entries(title: str, entries: Sequence[Mapping[str, Any]], every: bool, json: bool,
-                 print_all: Callable, print_one: Callable) -> None:
-    """Print entries of a catalogue: on a terminal as tables, else as YAML or JSON.
+                 print_all: Callable, print_one: Callable) -> int:
+    """Print entries of a catalogue: on a terminal as tables, else as YAML or JSON; the exit code.
 
     title  key of the list; every: whether all are requested, else the first one is printed
     """
@@ -134,8 +134,8 @@ def show_entries(title: str, entries: Sequence[Mapping[str, Any]], every: bool, 
     if json or not sys.stdout.isatty():
         content = {title: entries} if every else entries[0]
         write_stdout(to_json(content) if json else to_yaml(content))
-        return
-    if every:
+    elif every:
         print_all(entries, table_console())
     else:
         print_one(entries[0], table_console())
+    return DONE
