@@ -16,7 +16,6 @@ from drivetool.errors import BadOption, DriveToolError
 from drivetool.files.disk import check_target, write_whole
 
 if TYPE_CHECKING:
-    from drivetool.logs.door import Inspection
     from drivetool.site.plan import RecordingGroup
 
 HELP = "A first site file for batch, with comments, from what inspect sees in some recordings."
@@ -81,6 +80,7 @@ def _recording_groups(paths: list[Path], folder: Path) -> list[RecordingGroup]:
 
 def _group_summary(kind: str, pattern: str, paths: list[Path]) -> RecordingGroup:
     """What is said of a group, its first recording standing for all."""
+    from drivetool.identify.plateaus import find_intervals
     from drivetool.logs.door import inspect_log
     from drivetool.logs.formats import read_header
     from drivetool.site.plan import RecordingGroup
@@ -89,21 +89,10 @@ def _group_summary(kind: str, pattern: str, paths: list[Path]) -> RecordingGroup
     try:
         found = inspect_log(example)
         channels = [f"{c.name} [{c.unit or '?'}]" for c in found.channels]
-        usable, steady = found.experiment is not None, _is_steady(found)
+        usable = found.experiment is not None
+        steady = usable and bool(find_intervals(found.experiment))  # of constant speed
     except DriveToolError:  # the steps report the error; the file can be written all the same
         pass
     folders = Counter(path.resolve().parent.name for path in paths)
     return RecordingGroup(kind, pattern, example.name, channels, usable, steady, len(paths), sorted(folders),
                 max(folders.values()) > 1, sorted(read_header(example).metadata))
-
-
-def _is_steady(found: Inspection) -> bool:
-    """Whether a step would find intervals of constant speed in it."""
-    from drivetool.identify.plateaus import find_intervals
-
-    if found.experiment is None:
-        return False
-    try:
-        return bool(find_intervals(found.experiment))
-    except DriveToolError:  # no torque, or no speed of the motor
-        return False

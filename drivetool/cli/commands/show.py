@@ -25,25 +25,18 @@ def command(
     debug: cli.Debug = False,
 ) -> int:
     """See HELP."""
-    from drivetool.files.yaml import load_result
-
-    if other is not None:
-        return _compare((file, other))
-    content = load_result(file)
-    print_table(content)
-    show_findings(content.findings, stderr=False)
-    return DONE
-
-
-def _compare(paths: tuple[str, str]) -> int:
-    """Two parameter files in one table; the exit code."""
     from drivetool.files.tables import print_both
     from drivetool.files.yaml import load_result
 
+    paths = [file] if other is None else [file, other]
     files = [load_result(path) for path in paths]
-    for path, file in zip(paths, files, strict=True):
-        if not hasattr(file, "parameters"):
-            raise BadOption("two parameter files, to show side by side", f"{file.schema} in {path}",
+    if other is None:
+        print_table(files[0])
+        show_findings(files[0].findings, stderr=False)
+        return DONE
+    for path, content in zip(paths, files, strict=True):
+        if not hasattr(content, "parameters"):
+            raise BadOption("two parameter files, to show side by side", f"{content.schema} in {path}",
                             "Show such a file by itself.")
     # Standard input was read already; what came from it is known by its recordings and inputs alone.
     hashes = ["" if path == "-" else sha256(Path(path).read_bytes()).hexdigest() for path in paths]

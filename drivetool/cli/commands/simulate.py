@@ -59,11 +59,9 @@ def run(job: Job, segment: float) -> int:
     found = run_model(experiment, drive, segment, start_of(job.start, drive))
     all_findings = collected_findings(opened, (), used_by(job.step, opened.experiments, drive), drive, job.step)
     models = ", ".join(name for name, _ in opened.inputs)
-    about = {"record": experiment.name, "record_sha256": experiment.sha256, "models": models}
-    if job.condition:
-        about["condition"] = "; ".join(job.condition)
-    if job.start:
-        about["start"] = "; ".join(job.start)
+    given = {"condition": "; ".join(job.condition), "start": "; ".join(job.start)}
+    about = {"record": experiment.name, "record_sha256": experiment.sha256, "models": models,
+             **{option: words for option, words in given.items() if words}}
     write_whole(job.out, run_table(found, about))
     pictures = draw(job, [_record_plot(experiment, found, role) for role in found.measured], [])
     if not job.quiet:

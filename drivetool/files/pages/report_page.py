@@ -13,10 +13,6 @@ from drivetool.files.shapes import parameter_shapes as shapes
 from drivetool.files.tables import report_words as words, short
 
 _DIMMED_STATES = ("no-gain", "not-shown", "in-the-model", "failed")
-_PICTURE_ORDER = ("diagnosis-record", "diagnosis-candidates", "diagnosis-residual-time",
-                  "diagnosis-residual-reversal",
-          "diagnosis-residual-speed", "diagnosis-residual-torque", "diagnosis-residual-order",
-          "diagnosis-order-map")
 
 
 def diagnosis_page(diagnosis: Diagnosis, file: shapes.ParameterFile,
@@ -54,7 +50,7 @@ def _causes(diagnosis: Diagnosis) -> Iterator[tuple[str, str, str, str]]:
 
 def _pictures(diagnosis: Diagnosis) -> Iterator[tuple[str, str]]:
     """(picture, how to read it) of every figure; the first of its kind is explained."""
-    plots = [e for kind in _PICTURE_ORDER for e in diagnosis.exhibits if e.kind == kind]
+    plots = [e for kind in words.CAPTIONS for e in diagnosis.exhibits if e.kind == kind]
     for n, plot in enumerate(plots):
         explained = any(other.kind == plot.kind for other in plots[:n])
         yield _inline_svg(svg(plot), n + 1, plot.title), "" if explained else words.CAPTIONS[plot.kind]
