@@ -27,7 +27,12 @@ from drivetool.files.shapes import (
 from drivetool.files.yaml import checked, units
 from drivetool.files.yaml.covariances import merged_covariance
 from drivetool.files.yaml.text import from_yaml
-from drivetool.files.yaml.written_values import factor_to_drive, file_named_in_errors, written_value
+from drivetool.files.yaml.written_values import (
+    factor_to_drive,
+    file_named_in_errors,
+    value_in_drive,
+    written_value,
+)
 from drivetool.identify.estimate import Covariance
 from drivetool.logs.channels import SCHEMA as MAP_SCHEMA
 from drivetool.quantity import ELECTRIC_UNITS, RECORD_MARK, shared
@@ -91,11 +96,8 @@ class Loaded:
             section = source.file.drive or shapes.DriveSection()
             _check_units(section, drive, source.name)
             drive = _with_records(drive, source)
-            values = {}
-            for name, entry in source.file.parameters.items():
-                value, unit = written_value(entry)
-                if value is not None:
-                    values[name] = value * factor_to_drive(drive, name, unit, source.name)
+            values = {name: value for name, entry in source.file.parameters.items()
+                      if (value := value_in_drive(drive, name, entry, source.name)) is not None}
             _check_totals(values, drive, source.name)
             with file_named_in_errors(source.name):
                 drive = drive.with_values(values)
@@ -103,13 +105,9 @@ class Loaded:
 
     def sections(self, drive: Drive) -> dict[str, shapes.ParameterSection]:
         """What the files say about each parameter, bare numbers with the unit of `drive`."""
-        merged = {}
-        for source in self.sources:
-            for name, entry in source.file.parameters.items():
-                if not isinstance(entry, shapes.ParameterSection):
-                    entry = shapes.ParameterSection(value=float(entry), unit=drive.unit(name))
-                merged[name] = entry
-        return merged
+        return {name: entry if isinstance(entry, shapes.ParameterSection) else
+                shapes.ParameterSection(value=float(entry), unit=drive.unit(name))
+                for source in self.sources for name, entry in source.file.parameters.items()}
 
     def covariance(self, drive: Drive, single: bool = False) -> Covariance | None:
         """Of all the files, in the units of `drive`; a value that a later file changes loses its covariance.
@@ -285,11 +283,8 @@ def _with_records(drive: Drive, source: ParameterSource) -> Drive:
                             "Delete one of them.")
     names = {sha: name for name, sha in records.items()}
     renamed = {old: names.get(sha, "" if old in records else old) for old, sha in drive.records.items()}
-    values = {}
-    for n, v in drive.values.items():
-        kind, at, old = n.partition(RECORD_MARK)
-        if not at or renamed[old]:
-            values[f"{kind}{RECORD_MARK}{renamed[old]}" if at else n] = v
+    values = {f"{kind}{at}{renamed[old]}" if at else n: v for n, v in drive.values.items()
+              for kind, at, old in [n.partition(RECORD_MARK)] if not at or renamed[old]}
     renamed_records = {new: drive.records[old] for old, new in renamed.items() if new}
     return replace(drive, values=values, records={**renamed_records, **records})
 
