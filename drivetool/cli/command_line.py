@@ -78,7 +78,7 @@ app = typer.Typer(
     context_settings={"help_option_names": ["-h", "--help"], "obj": CommandLine(run_words, parsed)})
 for _name, _module in COMMANDS.items():
     # After \b lines stay as they are, so that the example can be copied.
-    app.command(_name, cls=Command, help=_module.HELP,
+    app.command(_name, cls=Command, help=" ".join((_module.__doc__ or "").split()),
                 epilog=f"\b\nExample:\n  {_module.EXAMPLE}")(_module.command)
 
 

@@ -1,4 +1,8 @@
-"""drivetool compare."""
+"""Structures side by side.
+
+Each fitted on every record and checked on all the others; mean and spread of what they find over the experiments.
+With --swap: one drive, identified from both of its motors.
+"""
 
 from __future__ import annotations
 
@@ -26,9 +30,6 @@ from drivetool.errors import BadOption
 if TYPE_CHECKING:
     from drivetool.identify.several import CompareOptions
 
-HELP = ("Structures side by side. Each fitted on every record and checked on all the others; "
-        "mean and spread of what they find over the experiments. With --swap: one drive, identified from both "
-        "of its motors.")
 EXAMPLE = "drivetool compare one.parquet two.parquet --structure oe --out compare.yaml"
 
 # What can be compared.
@@ -57,7 +58,7 @@ def command(
     set: cli.Set = None, out: cli.Out = None, json: cli.Json = False, plot: cli.Plot = None,
     strict: cli.Strict = False, debug: cli.Debug = False, quiet: cli.Quiet = False,
 ) -> int:
-    """See HELP."""
+    """Its options; the exit code."""
     from drivetool.identify.several import CompareOptions
 
     job = Job("compare", logs, params or (), map, drive, set or (), out, json, plot, strict, quiet,

@@ -1,4 +1,7 @@
-"""drivetool convert."""
+"""A recording as Parquet in SI.
+
+The channels that play a role, named by it, each on its own clock.
+"""
 
 from __future__ import annotations
 
@@ -11,7 +14,6 @@ from drivetool.cli.output import exit_code, say, show_findings
 from drivetool.errors import BadOption
 from drivetool.files.disk import write_whole
 
-HELP = "A recording as Parquet in SI. The channels that play a role, named by it, each on its own clock."
 EXAMPLE = "drivetool convert steps.mcap --map map.yaml --out steps.parquet"
 
 Out = Annotated[str, typer.Option("--out", "-o", metavar="FILE.parquet", help="Where the Parquet goes.")]
@@ -21,7 +23,7 @@ def command(
     log: cli.Log, out: Out, map: cli.Map = None, strict: cli.Strict = False, debug: cli.Debug = False,
     quiet: cli.Quiet = False,
 ) -> int:
-    """See HELP."""
+    """Its options; the exit code."""
     from drivetool.files.results import finding_sections, recording_bytes
     from drivetool.files.yaml import load_channel_map
     from drivetool.logs.channels import in_si

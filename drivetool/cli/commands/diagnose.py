@@ -1,4 +1,7 @@
-"""drivetool diagnose."""
+"""What the simulation gets wrong, and why.
+
+Names the physical cause, writes the extended drive, and states the gain on data held out.
+"""
 
 from __future__ import annotations
 
@@ -28,8 +31,6 @@ from drivetool.files.disk import write_whole
 if TYPE_CHECKING:
     from drivetool.check.outcome import DiagnoseOptions
 
-HELP = ("What the simulation gets wrong, and why. Names the physical cause, writes the extended drive, and "
-        "states the gain on data held out.")
 EXAMPLE = "drivetool diagnose gap.parquet --params greybox.yaml --report page.html"
 
 Holdout = Annotated[list[str] | None, typer.Option(
@@ -53,7 +54,7 @@ def command(
     json: cli.Json = False, plot: cli.Plot = None, strict: cli.Strict = False, debug: cli.Debug = False,
     quiet: cli.Quiet = False, explain: Explain = False,
 ) -> int:
-    """See HELP."""
+    """Its options; the exit code."""
     from drivetool.check.outcome import DiagnoseOptions
     from drivetool.files.disk import recordings_in
 

@@ -1,4 +1,7 @@
-"""drivetool findings."""
+"""The finding codes.
+
+What each stands for, its severity, and what to do about it.
+"""
 
 from __future__ import annotations
 
@@ -9,14 +12,13 @@ import typer
 from drivetool.cli.options import common as cli
 from drivetool.cli.output import show_entries
 
-HELP = "The finding codes. What each stands for, its severity, and what to do about it."
 EXAMPLE = "drivetool findings trend-alarm"
 
 Code = Annotated[str | None, typer.Argument(metavar="[CODE]", help="One code, in full.")]
 
 
 def command(code: Code = None, json: cli.Json = False, debug: cli.Debug = False) -> int:
-    """See HELP."""
+    """Its options; the exit code."""
     from drivetool.files.tables import finding_entries, print_finding, print_findings_list
 
     return show_entries("findings", finding_entries(code), code is None, json, print_findings_list, print_finding)

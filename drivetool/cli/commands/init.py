@@ -1,4 +1,4 @@
-"""drivetool init."""
+"""A first site file for batch, with comments, from what inspect sees in some recordings."""
 
 from __future__ import annotations
 
@@ -18,7 +18,6 @@ from drivetool.files.disk import check_target, write_whole
 if TYPE_CHECKING:
     from drivetool.site.plan import RecordingGroup
 
-HELP = "A first site file for batch, with comments, from what inspect sees in some recordings."
 EXAMPLE = "drivetool init logs --out site.yaml"
 
 Logs = Annotated[list[str], typer.Argument(
@@ -28,7 +27,7 @@ Out = Annotated[str, typer.Option(
 
 
 def command(logs: Logs, out: Out = "site.yaml", debug: cli.Debug = False, quiet: cli.Quiet = False) -> int:
-    """See HELP."""
+    """Its options; the exit code."""
     from drivetool.site.plan import first_site
 
     if out != "-":

@@ -1,11 +1,13 @@
-"""drivetool inspect."""
+"""What is in a recording.
+
+Channels with unit, rate, range, gaps, spikes and the role they would get.
+"""
 
 from __future__ import annotations
 
 from drivetool.cli.options import Job, check_outputs, common as cli
 from drivetool.cli.output import deliver
 
-HELP = "What is in a recording. Channels with unit, rate, range, gaps, spikes and the role they would get."
 EXAMPLE = "drivetool inspect steps.mcap --plot pictures"
 
 
@@ -13,7 +15,7 @@ def command(
     log: cli.Log, map: cli.Map = None, out: cli.Out = None, json: cli.Json = False, plot: cli.Plot = None,
     strict: cli.Strict = False, debug: cli.Debug = False, quiet: cli.Quiet = False,
 ) -> int:
-    """See HELP."""
+    """Its options; the exit code."""
     from drivetool.check.faults import torque_timing_findings
     from drivetool.files.results import channel_plot, finding_sections, inspection_file
     from drivetool.files.yaml import load_channel_map

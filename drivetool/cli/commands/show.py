@@ -1,4 +1,4 @@
-"""drivetool show."""
+"""The table of a file that another step wrote, or of two parameter files side by side."""
 
 from __future__ import annotations
 
@@ -12,7 +12,6 @@ from drivetool.cli.options import common as cli
 from drivetool.cli.output import DONE, print_table, show_findings, table_console
 from drivetool.errors import BadOption
 
-HELP = "The table of a file that another step wrote, or of two parameter files side by side."
 EXAMPLE = "drivetool show greybox.yaml backlash.yaml"
 
 
@@ -24,7 +23,7 @@ def command(
         metavar="[FILE2]", help="A second parameter file. Each row has both values and their difference.")] = None,
     debug: cli.Debug = False,
 ) -> int:
-    """See HELP."""
+    """Its options; the exit code."""
     from drivetool.files.tables import print_both
     from drivetool.files.yaml import load_result
 

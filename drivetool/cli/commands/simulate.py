@@ -1,4 +1,7 @@
-"""drivetool simulate."""
+"""What a model says over the torque of a record.
+
+Every speed, angle and shaft torque of the drive, as a Parquet table.
+"""
 
 from __future__ import annotations
 
@@ -24,8 +27,6 @@ if TYPE_CHECKING:
     from drivetool.identify.estimate import PlotData
     from drivetool.logs import Experiment
 
-HELP = ("What a model says over the torque of a record. Every speed, angle and shaft torque of the drive, "
-        "as a Parquet table.")
 EXAMPLE = "drivetool simulate steps.parquet --params greybox.yaml --out sim.parquet"
 
 Log = Annotated[str, typer.Argument(metavar="LOG", help="Recording, Parquet or MCAP.")]
@@ -37,7 +38,7 @@ def command(
     drive: cli.DriveName = None, set: cli.Set = None, segment: cli.FreeRun = 0.0, start: cli.Start = None,
     plot: cli.Plot = None, strict: cli.Strict = False, debug: cli.Debug = False, quiet: cli.Quiet = False,
 ) -> int:
-    """See HELP."""
+    """Its options; the exit code."""
     job = Job("simulate", [log], params or (), map, drive, set or (), out, False, plot, strict, quiet,
               condition or (), start=start or ())
     return run(job, segment)

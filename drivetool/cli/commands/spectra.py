@@ -1,4 +1,7 @@
-"""drivetool spectra."""
+"""Frequency response from torque to a sensor, with coherence and uncertainty.
+
+By Welch, or over whole periods where the excitation repeats; several recordings are runs of one experiment.
+"""
 
 from __future__ import annotations
 
@@ -24,8 +27,6 @@ from drivetool.cli.output import deliver, recordings_drawn_on_failure, say
 if TYPE_CHECKING:
     from drivetool.identify.frequency import SpectraOptions
 
-HELP = ("Frequency response from torque to a sensor, with coherence and uncertainty. By Welch, or over whole "
-        "periods where the excitation repeats; several recordings are runs of one experiment.")
 EXAMPLE = "drivetool spectra chirp.parquet --length 1 --out spectra.yaml"
 
 # How spectra are averaged.
@@ -59,7 +60,7 @@ def command(
     curves: Curves = None, out: cli.Out = None, json: cli.Json = False, plot: cli.Plot = None,
     strict: cli.Strict = False, debug: cli.Debug = False, quiet: cli.Quiet = False,
 ) -> int:
-    """See HELP."""
+    """Its options; the exit code."""
     from drivetool.identify.frequency import SpectraOptions
 
     job = Job("spectra", logs, (), map, None, (), out, json, plot, strict, quiet, condition or ())

@@ -1,4 +1,8 @@
-"""drivetool trend."""
+"""What changed over the recordings of a site.
+
+Per machine and parameter: the mean with the scatter within a day and between days, the drift, steps, and alarms
+with their dates.
+"""
 
 from __future__ import annotations
 
@@ -12,8 +16,6 @@ from drivetool.cli.output import deliver
 from drivetool.errors import BadOption
 from drivetool.site.trends import DEFAULT_ALARM_RATIO
 
-HELP = ("What changed over the recordings of a site. Per machine and parameter: the mean with the scatter within a "
-        "day and between days, the drift, steps, and alarms with their dates.")
 EXAMPLE = "drivetool trend site/summary.parquet --out trends.yaml"
 
 Summary = Annotated[str, typer.Argument(
@@ -27,7 +29,7 @@ def command(
     summary: Summary, alarm: Alarm = DEFAULT_ALARM_RATIO, out: cli.Out = None, json: cli.Json = False,
     plot: cli.Plot = None, strict: cli.Strict = False, debug: cli.Debug = False, quiet: cli.Quiet = False,
 ) -> int:
-    """See HELP."""
+    """Its options; the exit code."""
     from drivetool.logs.formats import read_summary
     from drivetool.site.trends import summary_input, trend_plots, trends_file, trends_of
 

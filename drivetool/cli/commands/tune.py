@@ -1,4 +1,8 @@
-"""drivetool tune."""
+"""Settings of the speed controller.
+
+PI for load-torque steps under a limit of the sensitivity, with margins and what uncertainty and backlash do to
+them.
+"""
 
 from __future__ import annotations
 
@@ -18,8 +22,6 @@ if TYPE_CHECKING:
     from drivetool.files.yaml import Loaded
     from drivetool.tune import TuneOptions
 
-HELP = ("Settings of the speed controller. PI for load-torque steps under a limit of the sensitivity, "
-        "with margins and what uncertainty and backlash do to them.")
 EXAMPLE = 'drivetool tune -p backlash.yaml --converter "433,0.69,2 ms" --out gains.yaml'
 
 # How the dead time enters.
@@ -69,7 +71,7 @@ def command(
     set: cli.Set = None, seed: cli.Seed = 1, per_unit: PerUnit = False, out: cli.Out = None, json: cli.Json = False,
     plot: cli.Plot = None, strict: cli.Strict = False, debug: cli.Debug = False, quiet: cli.Quiet = False,
 ) -> int:
-    """See HELP."""
+    """Its options; the exit code."""
     job = Job("tune", (), params, map, None, set or (), out, json, plot, strict, quiet)
     words = {
         "criterion": criterion, "max_sensitivity": max_sensitivity, "max_gain": max_gain,

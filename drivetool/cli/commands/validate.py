@@ -1,4 +1,7 @@
-"""drivetool validate."""
+"""Check models on records not seen.
+
+Simulated fit, residuals, cross table; every --params file is a model of its own.
+"""
 
 from __future__ import annotations
 
@@ -39,8 +42,6 @@ if TYPE_CHECKING:
     from drivetool.files.shapes import ParameterFile
     from drivetool.logs import Experiment
 
-HELP = ("Check models on records not seen. Simulated fit, residuals, cross table; "
-        "every --params file is a model of its own.")
 EXAMPLE = "drivetool validate other.parquet --params backlash.yaml --min-fit 95"
 
 GainsPath = Annotated[str | None, typer.Option(
@@ -61,7 +62,7 @@ def command(
     plot: cli.Plot = None, strict: cli.Strict = False, debug: cli.Debug = False,
     quiet: cli.Quiet = False,
 ) -> int:
-    """Each --params file is a model of its own; see HELP."""
+    """Each --params file is a model of its own; the exit code."""
     from drivetool.check.validation import ValidateOptions
 
     job = Job("validate", logs, params, map, drive, (), out, json, plot, strict, quiet, condition or (),
