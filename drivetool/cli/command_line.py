@@ -6,6 +6,7 @@ from collections.abc import Sequence
 from typing import Annotated, Any
 
 import typer
+from typer.core import TyperCommand
 
 from drivetool import __version__
 from drivetool.cli.commands import (
@@ -28,7 +29,8 @@ from drivetool.cli.commands import (
     tune,
     validate,
 )
-from drivetool.cli.options import record_option
+from drivetool.cli.options import join_record_words
+from drivetool.cli.output import guarded
 from drivetool.site import CommandLine
 
 # In the order in which they are used.
@@ -36,6 +38,22 @@ COMMANDS = {"inspect": inspect, "convert": convert, "steady": steady, "spectra":
             "greybox": greybox, "backlash": backlash, "validate": validate, "compare": compare,
             "diagnose": diagnose, "simulate": simulate, "tune": tune, "init": init, "batch": batch,
             "trend": trend, "effects": effects, "findings": findings, "show": show}
+
+
+class Command(TyperCommand):
+    """Returns its exit code, and may have an option of two words that is repeated, neither of which typer knows.
+
+    --debug and --quiet are options of the boundary alone; commands that never talk have no --quiet.
+    """
+
+    def parse_args(self, ctx, args: list[str]) -> list[str]:
+        """The words behind the option are joined first."""
+        return super().parse_args(ctx, join_record_words(args))
+
+    def invoke(self, ctx) -> None:
+        """Errors become sentences, and outcomes exit codes."""
+        work = super().invoke
+        guarded(ctx.info_name, lambda: work(ctx), ctx.params["debug"], ctx.params.get("quiet", False))
 
 
 def run_words(words: list[str]) -> None:
@@ -60,7 +78,7 @@ app = typer.Typer(
     context_settings={"help_option_names": ["-h", "--help"], "obj": CommandLine(run_words, parsed)})
 for _name, _module in COMMANDS.items():
     # After \b lines stay as they are, so that the example can be copied.
-    app.command(_name, cls=record_option.Command, help=_module.HELP,
+    app.command(_name, cls=Command, help=" ".join((_module.__doc__ or "").split()),
                 epilog=f"\b\nExample:\n  {_module.EXAMPLE}")(_module.command)
 
 

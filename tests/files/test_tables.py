@@ -10,7 +10,8 @@ from rich.console import Console
 from drivetool.errors import BadParameters
 from drivetool.files.results.result_file import estimate_file, validation_file
 from drivetool.files.shapes import ChannelSection, InspectionFile, parameter_shapes as shapes
-from drivetool.files.tables import print_both, print_inspection, result_tables
+from drivetool.files.tables import print_both, result_tables
+from drivetool.files.tables.inspection_table import print_inspection
 from drivetool.files.tables.table import Column, Row, Table, numbers, short_labels
 from tests.files.test_write import CHECK, ESTIMATE, VALIDATION, show
 

@@ -67,7 +67,7 @@ def test_round_trip(tmp_path):
     covariance = loaded.covariance(DRIVE)
     assert covariance.names == ("motor.inertia", "load.inertia")
     np.testing.assert_allclose(covariance.matrix, [[1.44e-6, 2e-7], [2e-7, 5.29e-4]], rtol=1e-9)
-    assert loaded.noise == ESTIMATE.noise and loaded.details == ESTIMATE.details
+    assert loaded.noise == ESTIMATE.noise and loaded.sources[0].file.details == ESTIMATE.details
 
 
 def test_a_total_and_its_part_are_not_both_written(tmp_path):

@@ -1,4 +1,4 @@
-"""One file per command: its help, its example, its options, and a function that opens, calls and delivers.
+"""One file per command: its help as docstring, an example, its options, and a function that opens, calls, delivers.
 
 Only the command line imports them.
 """

@@ -1,9 +1,8 @@
-"""drivetool backlash."""
+"""The half gap from a record that opens it."""
 
 from drivetool.cli.options import common as cli
 from drivetool.cli.parts import estimator_command
 
-HELP = "The half gap from a record that opens it."
 EXAMPLE = "drivetool backlash gap.parquet --params greybox.yaml --out backlash.yaml"
 
 

@@ -1,4 +1,7 @@
-"""drivetool batch."""
+"""A site of recordings: the recipe of its file, done with every recording of every machine on the cores there are.
+
+What is done stays done; a second run does what has changed.
+"""
 
 from __future__ import annotations
 
@@ -7,11 +10,9 @@ from typing import Annotated
 import typer
 
 from drivetool.cli.options import common as cli
-from drivetool.cli.output import DONE, MISSED, guarded, say, write_stdout
+from drivetool.cli.output import DONE, MISSED, say, write_stdout
 from drivetool.site import BatchRequest
 
-HELP = ("A site of recordings: the recipe of its file, done with every recording of every machine on the cores "
-        "there are. What is done stays done; a second run does what has changed.")
 EXAMPLE = "drivetool batch site.yaml"
 
 DEFAULT_TIME_LIMIT = 900.0  # s. A choice: minutes suffice for a long record; a step that hangs frees its worker.
@@ -50,15 +51,10 @@ def command(
     workers: Workers = None, scheduler: Scheduler = None, time_limit: TimeLimit = DEFAULT_TIME_LIMIT,
     memory_limit: MemoryLimit = None, explain: Explain = False, verify: Verify = False, retry: Retry = False,
     junit: Junit = None, markdown: Markdown = None, debug: cli.Debug = False, quiet: cli.Quiet = False,
-) -> None:
-    """See HELP."""
+) -> int:
+    """Its options; the exit code."""
+    from drivetool.site import run
+
     request = BatchRequest(given, recipe, map, out, workers, scheduler, time_limit, memory_limit, explain, verify,
-                           retry,
-                           junit, markdown, lambda text: None if quiet else say("batch", text), write_stdout)
-
-    def work() -> int:
-        from drivetool.site import run
-
-        return DONE if run(request, typer_context.obj) else MISSED
-
-    guarded("batch", work, debug, quiet)
+                           retry, junit, markdown, lambda text: None if quiet else say("batch", text), write_stdout)
+    return DONE if run(request, typer_context.obj) else MISSED

@@ -1,10 +1,11 @@
-"""drivetool blackbox."""
+"""Start values from a gap-free record.
+
+A third-order model, converted to inertias, stiffness and damping; or a polynomial structure of any order.
+"""
 
 from drivetool.cli.options import common as cli
 from drivetool.cli.parts import estimator_command
 
-HELP = ("Start values from a gap-free record. A third-order model, converted to inertias, "
-        "stiffness and damping; or a polynomial structure of any order.")
 EXAMPLE = "drivetool blackbox steps.parquet --params steady.yaml --out blackbox.yaml"
 
 

@@ -1,4 +1,8 @@
-"""drivetool compare."""
+"""Structures side by side.
+
+Each fitted on every record and checked on all the others; mean and spread of what they find over the experiments.
+With --swap: one drive, identified from both of its motors.
+"""
 
 from __future__ import annotations
 
@@ -19,31 +23,18 @@ from drivetool.cli.options import (
     open_all,
     with_torques,
 )
-from drivetool.cli.output import deliver, draw_recordings, guarded
+from drivetool.cli.output import deliver, recordings_drawn_on_failure
 from drivetool.cli.parts import swap as sides
-from drivetool.errors import BadOption, DriveToolError
+from drivetool.errors import BadOption
 
 if TYPE_CHECKING:
     from drivetool.identify.several import CompareOptions
 
-HELP = ("Structures side by side. Each fitted on every record and checked on all the others; "
-        "mean and spread of what they find over the experiments. With --swap: one drive, identified from both "
-        "of its motors.")
 EXAMPLE = "drivetool compare one.parquet two.parquet --structure oe --out compare.yaml"
 
-
-class ComparedName(StrEnum):
-    """What can be compared."""
-
-    oe = "oe"
-    bj = "bj"
-    arx = "arx"
-    armax = "armax"
-    innovations = "innovations"
-    physical = "physical"
-    physical_innovations = "physical-innovations"
-
-
+# What can be compared.
+ComparedName = StrEnum("ComparedName", (
+    "oe", "bj", "arx", "armax", "innovations", "physical", "physical-innovations"))
 Structures = Annotated[list[ComparedName] | None, typer.Option(
     "--structure", help="Repeatable; physical is the drive fitted to simulate (K = 0), physical-innovations to "
     "predict. Default: oe and bj.")]
@@ -66,25 +57,20 @@ def command(
     noise_order: cli.NoiseOrder = None, machine: Machines = None, swap: Swap = False,
     set: cli.Set = None, out: cli.Out = None, json: cli.Json = False, plot: cli.Plot = None,
     strict: cli.Strict = False, debug: cli.Debug = False, quiet: cli.Quiet = False,
-) -> None:
-    """See HELP."""
-    job = Job("compare", logs, params or (), map, drive, set or (), out, json, plot, strict, debug, quiet,
+) -> int:
+    """Its options; the exit code."""
+    from drivetool.identify.several import CompareOptions
+
+    job = Job("compare", logs, params or (), map, drive, set or (), out, json, plot, strict, quiet,
               condition or ())
-
-    def work() -> int:
-        if swap:
-            sides.check_words(logs, {
-                "--params": params, "--map": map, "--condition": condition, "--drive": drive,
-                "--structure": structure, "--order": order, "--noise-order": noise_order is not None,
-                "--machine": machine, "--set": set})
-            return sides.run(replace(job, given=(), params=logs))
-
-        from drivetool.identify.several import CompareOptions
-
-        names = tuple(dict.fromkeys(s.value for s in structure)) if structure else ("oe", "bj")
-        return run(job, CompareOptions(names, order, noise_order, machines_of(machine or (), job.logs)))
-
-    guarded("compare", work, debug, quiet)
+    if swap:
+        sides.check_words(logs, {
+            "--params": params, "--map": map, "--condition": condition, "--drive": drive,
+            "--structure": structure, "--order": order, "--noise-order": noise_order is not None,
+            "--machine": machine, "--set": set})
+        return sides.run(replace(job, given=(), params=logs))
+    names = tuple(dict.fromkeys(s.value for s in structure)) if structure else ("oe", "bj")
+    return run(job, CompareOptions(names, order, noise_order, machines_of(machine or (), job.logs)))
 
 
 def machines_of(words: Sequence[str], logs: Sequence[str]) -> dict[str, tuple[int, ...]]:
@@ -127,11 +113,8 @@ def run(job: Job, options: CompareOptions) -> int:
     opened = open_all(job)
     opened, drive = with_torques(opened, drive_for(job, opened))
     refuse_copies([opened.experiments[i] for places in options.machines.values() for i in places])
-    try:
+    with recordings_drawn_on_failure(job, opened.experiments):
         found = compare(opened.experiments, drive, options)
-    except DriveToolError:
-        draw_recordings(job, opened.experiments)
-        raise
     used = asdict(options) | {"machines": {name: [opened.experiments[i].name for i in places]
                                            for name, places in options.machines.items()}}
     found = replace(found, options=noted_options(job, used), findings=collected_findings(

@@ -1,8 +1,10 @@
-"""drivetool diagnose."""
+"""What the simulation gets wrong, and why.
+
+Names the physical cause, writes the extended drive, and states the gain on data held out.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import asdict, replace
 from typing import TYPE_CHECKING, Annotated
 
@@ -21,16 +23,14 @@ from drivetool.cli.options import (
     record_differences,
     with_torques,
 )
-from drivetool.cli.output import deliver, draw_recordings, guarded, say
+from drivetool.cli.output import deliver, recordings_drawn_on_failure, say
 from drivetool.cli.parts import refuse_coast_downs
-from drivetool.errors import BadOption, DriveToolError
+from drivetool.errors import BadOption
 from drivetool.files.disk import write_whole
 
 if TYPE_CHECKING:
     from drivetool.check.outcome import DiagnoseOptions
 
-HELP = ("What the simulation gets wrong, and why. Names the physical cause, writes the extended drive, and "
-        "states the gain on data held out.")
 EXAMPLE = "drivetool diagnose gap.parquet --params greybox.yaml --report page.html"
 
 Holdout = Annotated[list[str] | None, typer.Option(
@@ -53,24 +53,20 @@ def command(
     condition: cli.Condition = None, record: cli.Record = None, out: cli.Out = None, report: Report = None,
     json: cli.Json = False, plot: cli.Plot = None, strict: cli.Strict = False, debug: cli.Debug = False,
     quiet: cli.Quiet = False, explain: Explain = False,
-) -> None:
-    """See HELP."""
+) -> int:
+    """Its options; the exit code."""
+    from drivetool.check.outcome import DiagnoseOptions
+    from drivetool.files.disk import recordings_in
+
     holdout_logs = tuple(holdout or ())
-    job = Job("diagnose", [*logs, *holdout_logs], params, map, None, (), out, json, plot, strict, debug, quiet,
+    job = Job("diagnose", [*logs, *holdout_logs], params, map, None, (), out, json, plot, strict, quiet,
               condition or (), record=record or ())
-
-    def work() -> int:
-        from drivetool.check.outcome import DiagnoseOptions
-        from drivetool.files.disk import recordings_in
-
-        codes = tuple(filter(None, (code.strip() for code in candidates.split(","))))
-        if candidates and not codes:
-            raise BadOption("at least one cause after --candidates", f"'{candidates}'",
-                            "Name causes, with commas between; drivetool effects lists them.")
-        return run(job, len(recordings_in(holdout_logs)), DiagnoseOptions(
-            codes, error_budget, rounds, seed, criterion.value), report, explain)
-
-    guarded("diagnose", work, debug, quiet)
+    codes = tuple(filter(None, (code.strip() for code in candidates.split(","))))
+    if candidates and not codes:
+        raise BadOption("at least one cause after --candidates", f"'{candidates}'",
+                        "Name causes, with commas between; drivetool effects lists them.")
+    return run(job, len(recordings_in(holdout_logs)), DiagnoseOptions(
+        codes, error_budget, rounds, seed, criterion.value), report, explain)
 
 
 def run(job: Job, held_count: int, options: DiagnoseOptions, report: str | None, explain: bool = False) -> int:
@@ -108,13 +104,10 @@ def run(job: Job, held_count: int, options: DiagnoseOptions, report: str | None,
     check_base(loaded, drive)
     options = replace(options, candidates=chosen_causes(options.candidates, drive))
     sections = loaded.sections(drive)
-    try:
+    with recordings_drawn_on_failure(job, training):
         free = [name for name, section in sections.items() if section.status != "held" and not is_constant(name)
                 and name not in differences.free]
         found = diagnose(training, drive, free, options, holdout, loaded.starts(drive), differences.free)
-    except DriveToolError:
-        draw_recordings(job, training)
-        raise
     about_base = base_findings(loaded, training, holdout, options.criterion)
     all_findings = (*about_base, verdict_finding(found), *found.estimate.findings)
     used = asdict(options) | dict(found.estimate.options) | {
@@ -126,14 +119,9 @@ def run(job: Job, held_count: int, options: DiagnoseOptions, report: str | None,
     file = diagnosis_file(found, opened.inputs)
     if report is not None:
         write_whole(report, diagnosis_page(found, file, sections_before(sections, drive)))
-        _say_unless_quiet(job, f"wrote {report}")
+        if not job.quiet:
+            say(job.step, f"wrote {report}")
     code = deliver(job, file, found.exhibits)
     if explain:
         print_rule(file)
     return code
-
-
-def _say_unless_quiet(job: Job, *lines: Sequence[str]) -> None:
-    """Lines on standard error unless it should be quiet."""
-    for line in lines if not job.quiet else ():
-        say(job.step, line)

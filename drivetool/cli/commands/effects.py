@@ -1,4 +1,7 @@
-"""drivetool effects."""
+"""The catalogue of physical effects.
+
+What each does, its parameters, and what a record must contain.
+"""
 
 from __future__ import annotations
 
@@ -7,22 +10,15 @@ from typing import Annotated
 import typer
 
 from drivetool.cli.options import common as cli
-from drivetool.cli.output import DONE, guarded, show_entries
+from drivetool.cli.output import show_entries
 
-HELP = "The catalogue of physical effects. What each does, its parameters, and what a record must contain."
 EXAMPLE = "drivetool effects backlash"
 
 Code = Annotated[str | None, typer.Argument(metavar="[CODE]", help="One effect, in full.")]
 
 
-def command(code: Code = None, json: cli.Json = False, debug: cli.Debug = False) -> None:
-    """See HELP."""
-    guarded("effects", lambda: run(code, json), debug)
-
-
-def run(code: str | None, json: bool = False) -> int:
-    """Print; the exit code."""
+def command(code: Code = None, json: cli.Json = False, debug: cli.Debug = False) -> int:
+    """Its options; the exit code."""
     from drivetool.files.tables import catalogue, print_catalogue, print_entry
 
-    show_entries("effects", catalogue(code), code is None, json, print_catalogue, print_entry)
-    return DONE
+    return show_entries("effects", catalogue(code), code is None, json, print_catalogue, print_entry)

@@ -1,4 +1,7 @@
-"""drivetool findings."""
+"""The finding codes.
+
+What each stands for, its severity, and what to do about it.
+"""
 
 from __future__ import annotations
 
@@ -7,22 +10,15 @@ from typing import Annotated
 import typer
 
 from drivetool.cli.options import common as cli
-from drivetool.cli.output import DONE, guarded, show_entries
+from drivetool.cli.output import show_entries
 
-HELP = "The finding codes. What each stands for, its severity, and what to do about it."
 EXAMPLE = "drivetool findings trend-alarm"
 
 Code = Annotated[str | None, typer.Argument(metavar="[CODE]", help="One code, in full.")]
 
 
-def command(code: Code = None, json: cli.Json = False, debug: cli.Debug = False) -> None:
-    """See HELP."""
-    guarded("findings", lambda: run(code, json), debug)
-
-
-def run(code: str | None, json: bool = False) -> int:
-    """Print; the exit code."""
+def command(code: Code = None, json: cli.Json = False, debug: cli.Debug = False) -> int:
+    """Its options; the exit code."""
     from drivetool.files.tables import finding_entries, print_finding, print_findings_list
 
-    show_entries("findings", finding_entries(code), code is None, json, print_findings_list, print_finding)
-    return DONE
+    return show_entries("findings", finding_entries(code), code is None, json, print_findings_list, print_finding)

@@ -1,10 +1,11 @@
-"""drivetool greybox."""
+"""The physical parameters, polished.
+
+Several explanations of the record are fitted, and free runs choose; several recordings go into one fit.
+"""
 
 from drivetool.cli.options import common as cli
 from drivetool.cli.parts import estimator_command
 
-HELP = ("The physical parameters, polished. Several explanations of the record are "
-        "fitted, and free runs choose; several recordings go into one fit.")
 EXAMPLE = "drivetool greybox steps.parquet --params blackbox.yaml --out greybox.yaml"
 
 

@@ -1,4 +1,4 @@
-"""drivetool init."""
+"""A first site file for batch, with comments, from what inspect sees in some recordings."""
 
 from __future__ import annotations
 
@@ -11,15 +11,13 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from drivetool.cli.options import common as cli
-from drivetool.cli.output import DONE, guarded, say, write_stdout
+from drivetool.cli.output import DONE, say, write_stdout
 from drivetool.errors import BadOption, DriveToolError
 from drivetool.files.disk import check_target, write_whole
 
 if TYPE_CHECKING:
-    from drivetool.logs.door import Inspection
     from drivetool.site.plan import RecordingGroup
 
-HELP = "A first site file for batch, with comments, from what inspect sees in some recordings."
 EXAMPLE = "drivetool init logs --out site.yaml"
 
 Logs = Annotated[list[str], typer.Argument(
@@ -28,13 +26,8 @@ Out = Annotated[str, typer.Option(
     "--out", "-o", metavar="FILE", help="Where the site file goes; - is standard output. One that is there stays.")]
 
 
-def command(logs: Logs, out: Out = "site.yaml", debug: cli.Debug = False, quiet: cli.Quiet = False) -> None:
-    """See HELP."""
-    guarded("init", lambda: run(logs, out, quiet), debug, quiet)
-
-
-def run(logs: list[str], out: str, quiet: bool) -> int:
-    """Look, write; the exit code."""
+def command(logs: Logs, out: Out = "site.yaml", debug: cli.Debug = False, quiet: cli.Quiet = False) -> int:
+    """Its options; the exit code."""
     from drivetool.site.plan import first_site
 
     if out != "-":
@@ -86,6 +79,7 @@ def _recording_groups(paths: list[Path], folder: Path) -> list[RecordingGroup]:
 
 def _group_summary(kind: str, pattern: str, paths: list[Path]) -> RecordingGroup:
     """What is said of a group, its first recording standing for all."""
+    from drivetool.identify.plateaus import find_intervals
     from drivetool.logs.door import inspect_log
     from drivetool.logs.formats import read_header
     from drivetool.site.plan import RecordingGroup
@@ -94,21 +88,10 @@ def _group_summary(kind: str, pattern: str, paths: list[Path]) -> RecordingGroup
     try:
         found = inspect_log(example)
         channels = [f"{c.name} [{c.unit or '?'}]" for c in found.channels]
-        usable, steady = found.experiment is not None, _is_steady(found)
+        usable = found.experiment is not None
+        steady = usable and bool(find_intervals(found.experiment))  # of constant speed
     except DriveToolError:  # the steps report the error; the file can be written all the same
         pass
     folders = Counter(path.resolve().parent.name for path in paths)
     return RecordingGroup(kind, pattern, example.name, channels, usable, steady, len(paths), sorted(folders),
                 max(folders.values()) > 1, sorted(read_header(example).metadata))
-
-
-def _is_steady(found: Inspection) -> bool:
-    """Whether a step would find intervals of constant speed in it."""
-    from drivetool.identify.plateaus import find_intervals
-
-    if found.experiment is None:
-        return False
-    try:
-        return bool(find_intervals(found.experiment))
-    except DriveToolError:  # no torque, or no speed of the motor
-        return False

@@ -1,36 +1,27 @@
-"""drivetool inspect."""
+"""What is in a recording.
+
+Channels with unit, rate, range, gaps, spikes and the role they would get.
+"""
 
 from __future__ import annotations
 
-from typing import Annotated
-
-import typer
-
 from drivetool.cli.options import Job, check_outputs, common as cli
-from drivetool.cli.output import deliver, guarded
+from drivetool.cli.output import deliver
 
-HELP = "What is in a recording. Channels with unit, rate, range, gaps, spikes and the role they would get."
 EXAMPLE = "drivetool inspect steps.mcap --plot pictures"
-
-Log = Annotated[str, typer.Argument(metavar="LOG", help="A recording, Parquet or MCAP, or the folder of one.")]
 
 
 def command(
-    log: Log, map: cli.Map = None, out: cli.Out = None, json: cli.Json = False, plot: cli.Plot = None,
+    log: cli.Log, map: cli.Map = None, out: cli.Out = None, json: cli.Json = False, plot: cli.Plot = None,
     strict: cli.Strict = False, debug: cli.Debug = False, quiet: cli.Quiet = False,
-) -> None:
-    """See HELP."""
-    job = Job("inspect", [log], (), map, None, (), out, json, plot, strict, debug, quiet)
-    guarded("inspect", lambda: run(job), debug)
-
-
-def run(job: Job) -> int:
-    """Read, look, deliver; the exit code."""
+) -> int:
+    """Its options; the exit code."""
     from drivetool.check.faults import torque_timing_findings
     from drivetool.files.results import channel_plot, finding_sections, inspection_file
     from drivetool.files.yaml import load_channel_map
     from drivetool.logs.door import inspect_log
 
+    job = Job("inspect", [log], (), map, None, (), out, json, plot, strict, quiet)
     check_outputs(job)
     found = inspect_log(job.log, load_channel_map(job.map))
     timing = torque_timing_findings(found.experiment) if found.experiment else []

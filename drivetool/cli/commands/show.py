@@ -1,4 +1,4 @@
-"""drivetool show."""
+"""The table of a file that another step wrote. Two parameter files are put side by side."""
 
 from __future__ import annotations
 
@@ -9,10 +9,9 @@ from typing import Annotated
 import typer
 
 from drivetool.cli.options import common as cli
-from drivetool.cli.output import DONE, guarded, print_findings, print_table, table_console
+from drivetool.cli.output import DONE, print_table, show_findings, table_console
 from drivetool.errors import BadOption
 
-HELP = "The table of a file that another step wrote. Two parameter files are put side by side."
 EXAMPLE = "drivetool show greybox.yaml backlash.yaml"
 
 
@@ -23,32 +22,20 @@ def command(
     other: Annotated[str | None, typer.Argument(
         metavar="[FILE2]", help="A second parameter file. Each row has both values and their difference.")] = None,
     debug: cli.Debug = False,
-) -> None:
-    """See HELP."""
-    guarded("show", lambda: run(file, other), debug)
-
-
-def run(path: str, other: str | None = None) -> int:
-    """Read, print; the exit code."""
-    from drivetool.files.yaml import load_result
-
-    if other is not None:
-        return _compare((path, other))
-    content = load_result(path)
-    print_table(content)
-    print_findings(content, stderr=False)
-    return DONE
-
-
-def _compare(paths: tuple[str, str]) -> int:
-    """Two parameter files in one table; the exit code."""
+) -> int:
+    """Its options; the exit code."""
     from drivetool.files.tables import print_both
     from drivetool.files.yaml import load_result
 
+    paths = [file] if other is None else [file, other]
     files = [load_result(path) for path in paths]
-    for path, file in zip(paths, files, strict=True):
-        if not hasattr(file, "parameters"):
-            raise BadOption("two parameter files, to show side by side", f"{file.schema} in {path}",
+    if other is None:
+        print_table(files[0])
+        show_findings(files[0].findings, stderr=False)
+        return DONE
+    for path, content in zip(paths, files, strict=True):
+        if not hasattr(content, "parameters"):
+            raise BadOption("two parameter files, to show side by side", f"{content.schema} in {path}",
                             "Show such a file by itself.")
     # Standard input was read already; what came from it is known by its recordings and inputs alone.
     hashes = ["" if path == "-" else sha256(Path(path).read_bytes()).hexdigest() for path in paths]

@@ -1,4 +1,7 @@
-"""drivetool simulate."""
+"""What a model says over the torque of a record.
+
+Every speed, angle and shaft torque of the drive, as a Parquet table.
+"""
 
 from __future__ import annotations
 
@@ -15,7 +18,7 @@ from drivetool.cli.options import (
     start_of,
     with_torques,
 )
-from drivetool.cli.output import draw, exit_code, guarded, say
+from drivetool.cli.output import draw, exit_code, say
 from drivetool.errors import BadOption
 from drivetool.files.disk import write_whole
 
@@ -24,26 +27,21 @@ if TYPE_CHECKING:
     from drivetool.identify.estimate import PlotData
     from drivetool.logs import Experiment
 
-HELP = ("What a model says over the torque of a record. Every speed, angle and shaft torque of the drive, "
-        "as a Parquet table.")
 EXAMPLE = "drivetool simulate steps.parquet --params greybox.yaml --out sim.parquet"
 
 Log = Annotated[str, typer.Argument(metavar="LOG", help="Recording, Parquet or MCAP.")]
 Table = Annotated[str, typer.Option("--out", "-o", metavar="FILE", help="Where the Parquet table goes.")]
-Segment = Annotated[float, typer.Option(
-    "--segment", metavar="S", min=0.0,
-    help="Length in s of the free runs, each with start states of its own; 0: one free run.")]
 
 
 def command(
     log: Log, out: Table, params: cli.Params = None, map: cli.Map = None, condition: cli.Condition = None,
-    drive: cli.DriveName = None, set: cli.Set = None, segment: Segment = 0.0, start: cli.Start = None,
+    drive: cli.DriveName = None, set: cli.Set = None, segment: cli.FreeRun = 0.0, start: cli.Start = None,
     plot: cli.Plot = None, strict: cli.Strict = False, debug: cli.Debug = False, quiet: cli.Quiet = False,
-) -> None:
-    """See HELP."""
-    job = Job("simulate", [log], params or (), map, drive, set or (), out, False, plot, strict, debug, quiet,
+) -> int:
+    """Its options; the exit code."""
+    job = Job("simulate", [log], params or (), map, drive, set or (), out, False, plot, strict, quiet,
               condition or (), start=start or ())
-    guarded("simulate", lambda: run(job, segment), debug, quiet)
+    return run(job, segment)
 
 
 def run(job: Job, segment: float) -> int:
@@ -62,11 +60,9 @@ def run(job: Job, segment: float) -> int:
     found = run_model(experiment, drive, segment, start_of(job.start, drive))
     all_findings = collected_findings(opened, (), used_by(job.step, opened.experiments, drive), drive, job.step)
     models = ", ".join(name for name, _ in opened.inputs)
-    about = {"record": experiment.name, "record_sha256": experiment.sha256, "models": models}
-    if job.condition:
-        about["condition"] = "; ".join(job.condition)
-    if job.start:
-        about["start"] = "; ".join(job.start)
+    given = {"condition": "; ".join(job.condition), "start": "; ".join(job.start)}
+    about = {"record": experiment.name, "record_sha256": experiment.sha256, "models": models,
+             **{option: words for option, words in given.items() if words}}
     write_whole(job.out, run_table(found, about))
     pictures = draw(job, [_record_plot(experiment, found, role) for role in found.measured], [])
     if not job.quiet:

@@ -1,4 +1,7 @@
-"""drivetool spectra."""
+"""Frequency response from torque to a sensor, with coherence and uncertainty.
+
+By Welch, or over whole periods where the excitation repeats; several recordings are runs of one experiment.
+"""
 
 from __future__ import annotations
 
@@ -19,35 +22,17 @@ from drivetool.cli.options import (
     noted_options,
     open_all,
 )
-from drivetool.cli.output import deliver, draw_recordings, guarded, say
-from drivetool.errors import DriveToolError
+from drivetool.cli.output import deliver, recordings_drawn_on_failure, say
 
 if TYPE_CHECKING:
     from drivetool.identify.frequency import SpectraOptions
 
-HELP = ("Frequency response from torque to a sensor, with coherence and uncertainty. By Welch, or over whole "
-        "periods where the excitation repeats; several recordings are runs of one experiment.")
 EXAMPLE = "drivetool spectra chirp.parquet --length 1 --out spectra.yaml"
 
-
-class MethodName(StrEnum):
-    """How spectra are averaged."""
-
-    auto = "auto"
-    welch = "welch"
-    periodic = "periodic"
-
-
-class EstimatorName(StrEnum):
-    """Which noise the estimate assumes."""
-
-    h1 = "h1"
-    h2 = "h2"
-    h3 = "h3"
-    hv = "hv"
-    indirect = "indirect"
-
-
+# How spectra are averaged.
+MethodName = StrEnum("MethodName", ("auto", "welch", "periodic"))
+# Which noise the estimate assumes.
+EstimatorName = StrEnum("EstimatorName", ("h1", "h2", "h3", "hv", "indirect"))
 Method = Annotated[MethodName, typer.Option(
     "--method", help="Welch's frames, whole periods, or periods where there are some.")]
 EstimatorKind = Annotated[EstimatorName | None, typer.Option(
@@ -74,18 +59,13 @@ def command(
     period: Period = None, skip: Skip = None, output: Output = None, band: cli.Band = None,
     curves: Curves = None, out: cli.Out = None, json: cli.Json = False, plot: cli.Plot = None,
     strict: cli.Strict = False, debug: cli.Debug = False, quiet: cli.Quiet = False,
-) -> None:
-    """See HELP."""
-    job = Job("spectra", logs, (), map, None, (), out, json, plot, strict, debug, quiet, condition or ())
+) -> int:
+    """Its options; the exit code."""
+    from drivetool.identify.frequency import SpectraOptions
 
-    def work() -> int:
-        from drivetool.identify.frequency import SpectraOptions
-
-        return run(job, SpectraOptions(method.value, estimator.value if estimator else None, window, length,
-            overlap,
-                                       period, skip, output, band), curves)
-
-    guarded("spectra", work, debug, quiet)
+    job = Job("spectra", logs, (), map, None, (), out, json, plot, strict, quiet, condition or ())
+    return run(job, SpectraOptions(method.value, estimator.value if estimator else None, window, length, overlap,
+                                   period, skip, output, band), curves)
 
 
 def run(job: Job, options: SpectraOptions, curves: str | None = None) -> int:
@@ -98,11 +78,8 @@ def run(job: Job, options: SpectraOptions, curves: str | None = None) -> int:
     check_outputs(job, curves=curves)
     opened = open_all(job)
     check_common_units(opened.experiments)
-    try:
+    with recordings_drawn_on_failure(job, opened.experiments):
         spectrum = spectra(opened.experiments, options)
-    except DriveToolError:
-        draw_recordings(job, opened.experiments)
-        raise
     used = {"motor_torque", spectrum.output, *reference_of(opened.experiments[0])}
     spectrum = replace(spectrum, options=noted_options(job, asdict(options)),
                        findings=collected_findings(opened, spectrum.findings, used, None, job.step))

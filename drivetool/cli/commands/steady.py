@@ -1,9 +1,8 @@
-"""drivetool steady."""
+"""Friction from constant speeds, mass too from constant torques, ratios of both from a coast-down."""
 
 from drivetool.cli.options import common as cli
 from drivetool.cli.parts import estimator_command
 
-HELP = "Friction from constant speeds, mass too from constant torques, ratios of both from a coast-down."
 EXAMPLE = "drivetool steady steady.parquet --out steady.yaml --plot pictures"
 
 

@@ -1,4 +1,8 @@
-"""drivetool tune."""
+"""Settings of the speed controller.
+
+PI for load-torque steps under a limit of the sensitivity, with margins and what uncertainty and backlash do to
+them.
+"""
 
 from __future__ import annotations
 
@@ -9,7 +13,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from drivetool.cli.options import Job, check_outputs, common as cli, with_set_values
-from drivetool.cli.output import deliver, guarded
+from drivetool.cli.output import deliver
 from drivetool.errors import BadOption, BadParameters, nearest
 from drivetool.files.yaml import units
 
@@ -18,18 +22,10 @@ if TYPE_CHECKING:
     from drivetool.files.yaml import Loaded
     from drivetool.tune import TuneOptions
 
-HELP = ("Settings of the speed controller. PI for load-torque steps under a limit of the sensitivity, "
-        "with margins and what uncertainty and backlash do to them.")
 EXAMPLE = 'drivetool tune -p backlash.yaml --converter "433,0.69,2 ms" --out gains.yaml'
 
-
-class DeadTimeForm(StrEnum):
-    """How the dead time enters."""
-
-    exact = "exact"
-    zero = "zero"
-
-
+# How the dead time enters.
+DeadTimeForm = StrEnum("DeadTimeForm", ("exact", "zero"))
 Params = Annotated[list[str], typer.Option(
     "--params", "-p", metavar="FILE", help="Parameter file of an earlier step or by hand; several merge, later "
     "wins; - reads standard input.")]
@@ -74,9 +70,9 @@ def command(
     draws: DrawCount = 200, map: Map = None,
     set: cli.Set = None, seed: cli.Seed = 1, per_unit: PerUnit = False, out: cli.Out = None, json: cli.Json = False,
     plot: cli.Plot = None, strict: cli.Strict = False, debug: cli.Debug = False, quiet: cli.Quiet = False,
-) -> None:
-    """See HELP."""
-    job = Job("tune", (), params, map, None, set or (), out, json, plot, strict, debug, quiet)
+) -> int:
+    """Its options; the exit code."""
+    job = Job("tune", (), params, map, None, set or (), out, json, plot, strict, quiet)
     words = {
         "criterion": criterion, "max_sensitivity": max_sensitivity, "max_gain": max_gain,
         "weight": list(weight or ()), "converter": converter,
@@ -84,7 +80,7 @@ def command(
         "speed_filter": speed_filter, "speed": speed, "dead_time": dead_time.value,
         "confidence": confidence, "draws": draws,
         "seed": seed, "set": list(set or ()), "per_unit": per_unit}
-    guarded("tune", lambda: run(job, words), debug, quiet)
+    return run(job, words)
 
 
 def run(job: Job, words: dict[str, object]) -> int:
@@ -120,8 +116,10 @@ def _tune_options(job: Job, words: dict[str, object], drive: Drive, loaded: Load
                       float("inf") if gain is None else _number_in_unit(gain, gain_unit(drive), "--max-gain")),
         configurations=_configurations(words["configuration"]),
         motors=tuple(m.strip() for m in words["motors"].split(",")) if words["motors"] else None,
-        speed_filter=loaded.speed_filter if filter_time is None else _filter_time(filter_time),
-        speed=0.0 if speed is None else _working_speed(speed, drive),
+        speed_filter=loaded.speed_filter if filter_time is None else _limited_number(
+            filter_time, "s", "--speed-filter", "a filter time of zero or more", 1e3, least=0.0),
+        speed=0.0 if speed is None else _limited_number(
+            speed, f"{drive.motion_unit}/s", "--speed", "a working speed", 1e6),
         dead_time=words["dead_time"], shaft_torque=_shaft_torque(job, loaded), confidence=words["confidence"],
         draws=words["draws"], seed=words["seed"], known=loaded.covariance(drive), stds=loaded.stds(drive),
         ratings=rated and Ratings(*rated))
@@ -164,20 +162,12 @@ def _with_converter(drive: Drive, text: object) -> Drive:
         for name, unit, part in zip(names, units, parts, strict=False)})
 
 
-def _filter_time(text: object) -> float:
-    """A time of zero or more."""
-    value = _number_in_unit(text, "s", "--speed-filter")
-    if not 0.0 <= value < 1e3:
-        raise BadOption("a filter time of zero or more after --speed-filter", f"{value:g} s", "Correct it.")
-    return value
-
-
-def _working_speed(text: object, drive: Drive) -> float:
-    """A working speed in the drive's unit."""
-    unit = f"{drive.motion_unit}/s"
-    value = _number_in_unit(text, unit, "--speed")
-    if not abs(value) < 1e6:
-        raise BadOption("a working speed after --speed", f"{value:g} {unit}", "Correct it.")
+def _limited_number(text: object, unit: str, option: str, what: str, limit: float,
+                    least: float = float("-inf")) -> float:
+    """A number in a unit, its size below a limit."""
+    value = _number_in_unit(text, unit, option)
+    if not (least <= value and abs(value) < limit):
+        raise BadOption(f"{what} after {option}", f"{value:g} {unit}", "Correct it.")
     return value
 
 

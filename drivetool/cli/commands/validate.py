@@ -1,4 +1,7 @@
-"""drivetool validate."""
+"""Check models on records not seen.
+
+Simulated fit, residuals, cross table; every --params file is a model of its own.
+"""
 
 from __future__ import annotations
 
@@ -23,7 +26,7 @@ from drivetool.cli.options import (
     record_differences,
     start_of,
 )
-from drivetool.cli.output import deliver, draw_recordings, guarded, say
+from drivetool.cli.output import deliver, recordings_drawn_on_failure, say
 from drivetool.cli.parts import (
     COAST_DOWN,
     replay_gains,
@@ -31,7 +34,7 @@ from drivetool.cli.parts import (
     with_coast_down_criterion,
     with_flux_decay,
 )
-from drivetool.errors import BadOption, DriveToolError
+from drivetool.errors import BadOption
 
 if TYPE_CHECKING:
     from drivetool.check.validation import ValidateOptions
@@ -39,13 +42,7 @@ if TYPE_CHECKING:
     from drivetool.files.shapes import ParameterFile
     from drivetool.logs import Experiment
 
-HELP = ("Check models on records not seen. Simulated fit, residuals, cross table; "
-        "every --params file is a model of its own.")
 EXAMPLE = "drivetool validate other.parquet --params backlash.yaml --min-fit 95"
-
-Segment = Annotated[float, typer.Option(
-    "--segment", metavar="S", min=0.0,
-    help="Length in s of the free runs, each with start states of its own; 0: one free run.")]
 
 GainsPath = Annotated[str | None, typer.Option(
     "--gains", metavar="FILE", help="Gains that tune wrote: replay the closed loop on a record of a load step.")]
@@ -58,25 +55,21 @@ def command(
     drive: cli.DriveName = None,
     min_fit: cli.MinFit = None, max_correlation: cli.MaxCorrelation = 0.15,
     criterion: cli.CheckCriterion = cli.CheckCriterionName.simulation,
-    segment: Segment = 0.0, flux_decay: cli.FluxDecay = None,
+    segment: cli.FreeRun = 0.0, flux_decay: cli.FluxDecay = None,
     start: cli.Start = None, record: cli.Record = None, seed: cli.Seed = 1,
     out: cli.Out = None, json: cli.Json = False,
     gains: GainsPath = None, configuration: Configuration = None,
     plot: cli.Plot = None, strict: cli.Strict = False, debug: cli.Debug = False,
     quiet: cli.Quiet = False,
-) -> None:
-    """Each --params file is a model of its own; see HELP."""
-    job = Job("validate", logs, params, map, drive, (), out, json, plot, strict, debug, quiet, condition or (),
+) -> int:
+    """Each --params file is a model of its own; the exit code."""
+    from drivetool.check.validation import ValidateOptions
+
+    job = Job("validate", logs, params, map, drive, (), out, json, plot, strict, quiet, condition or (),
               (gains,) if gains else (), start or (), record or ())
-
-    def work() -> int:
-        from drivetool.check.validation import ValidateOptions
-
-        options = ValidateOptions(min_fit, max_correlation, segment, seed, criterion=criterion.value,
-                                flux_decay=flux_decay)
-        return run(job, options) if gains is None else run_gains(job, options, gains, configuration)
-
-    guarded("validate", work, debug, quiet)
+    options = ValidateOptions(min_fit, max_correlation, segment, seed, criterion=criterion.value,
+                              flux_decay=flux_decay)
+    return run(job, options) if gains is None else run_gains(job, options, gains, configuration)
 
 
 def run_gains(job: Job, options: ValidateOptions, gains: str, configuration: str | None) -> int:
@@ -150,7 +143,7 @@ def run(job: Job, options: ValidateOptions) -> int:
                                                        records=differences[0].starts)), drives)
     fitted_on = [_fitted_recordings(source.file, opened.experiments) for source in opened.loaded.sources]
     more: dict[str, Any] = {"fitted_on": fitted_on} if any(fitted_on) else {}  # unknown for files written by hand
-    try:
+    with recordings_drawn_on_failure(job, opened.experiments):
         if options.criterion == COAST_DOWN:
             validation = validate_coast_downs(opened, drives, options, fitted_on, known)
         elif options.criterion == "inverse":
@@ -158,9 +151,6 @@ def run(job: Job, options: ValidateOptions) -> int:
         else:
             more |= {"known": known} if any(known) else {}
             validation = validate(opened.experiments, models, options, **more)
-    except DriveToolError:
-        draw_recordings(job, opened.experiments)
-        raise
     used = _noted(options) | dict(validation.options)
     used_roles = {role for _, drive, _ in models
              for role in used_by(job.step, opened.experiments, drive, options.criterion)}

@@ -1,4 +1,4 @@
-from . import common as common, record_option as record_option
+from . import common as common
 from .inputs import (
     check_outputs as check_outputs,
     collected_findings as collected_findings,
@@ -15,6 +15,7 @@ from .job import WORD_SEPARATOR as WORD_SEPARATOR, Job as Job, Opened as Opened
 from .record_option import (
     RECORD_OPTION as RECORD_OPTION,
     held_out_differences as held_out_differences,
+    join_record_words as join_record_words,
     only_known_differences as only_known_differences,
     record_differences as record_differences,
 )

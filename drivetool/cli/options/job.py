@@ -30,7 +30,6 @@ class Job:
     json: bool = False
     plot: str | None = None
     strict: bool = False
-    debug: bool = False
     quiet: bool = False
     condition: Sequence[str] = ()
     more: Sequence[str] = ()  # files read by an option that this command alone has

@@ -6,8 +6,6 @@ from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING
 
-from typer.core import TyperCommand
-
 from drivetool.cli.options.inputs import errors_as_usage, start_of, start_value
 from drivetool.cli.options.job import WORD_SEPARATOR, Job
 from drivetool.errors import BadOption, nearest
@@ -23,14 +21,6 @@ FREE_WORD, START_WORD, CLAMPED_WORD = "free", "start", "clamped"
 RECORD_ADVICE = (
     f"Write for example '{RECORD_OPTION} FILE load.added_inertia=0.02', '{RECORD_OPTION} FILE free=motor.coulomb', "
     f"'{RECORD_OPTION} FILE clamped=load' or '{RECORD_OPTION} FILE start=rest'.")
-
-
-class Command(TyperCommand):
-    """A command with an option of two words that may be repeated, which typer does not have."""
-
-    def parse_args(self, ctx, args: list[str]) -> list[str]:
-        """The words behind the option are joined first."""
-        return super().parse_args(ctx, join_record_words(args))
 
 
 def join_record_words(args: Sequence[str]) -> list[str]:

@@ -1,10 +1,10 @@
 from .delivery import (
     deliver as deliver,
     draw as draw,
-    draw_recordings as draw_recordings,
-    print_findings as print_findings,
     print_table as print_table,
+    recordings_drawn_on_failure as recordings_drawn_on_failure,
     show_entries as show_entries,
+    show_findings as show_findings,
     table_console as table_console,
 )
 from .exit_codes import (

@@ -4,17 +4,26 @@ from __future__ import annotations
 
 import os
 import sys
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from typing import TYPE_CHECKING, Any
 
-from drivetool.cli.output.exit_codes import exit_code, say, write_stdout
+from drivetool.cli.output.exit_codes import DONE, exit_code, say, write_stdout
+from drivetool.errors import DriveToolError
 from drivetool.files.disk import write_whole
 
 if TYPE_CHECKING:
     from rich.console import Console
 
     from drivetool.cli.options import Job
-    from drivetool.files.shapes import GainsFile, InspectionFile, ParameterFile, TrendsFile, ValidationFile
+    from drivetool.files.shapes import (
+        FindingSection,
+        GainsFile,
+        InspectionFile,
+        ParameterFile,
+        TrendsFile,
+        ValidationFile,
+    )
     from drivetool.identify.estimate import PlotData
     from drivetool.logs import Experiment
 
@@ -66,49 +75,18 @@ def table_console() -> Console:
 
 def print_table(file: Written, per_unit: bool = False) -> None:
     """The table of a file on standard output."""
-    from drivetool.files.tables import result_tables as tables
+    from drivetool.files.tables import print_file
 
-    console = table_console()
-    if hasattr(file, "channels"):
-        from drivetool.files.tables import print_inspection
-
-        print_inspection(file, console)
-    elif hasattr(file, "designs"):
-        from drivetool.files.tables import print_gains
-
-        print_gains(file, console, per_unit)
-    elif hasattr(file, "verdict"):
-        tables.print_validation(file, console)
-    elif file.step == "trend":
-        from drivetool.files.tables import print_trends
-
-        print_trends(file, console)
-    elif file.step in ("spectra", "compare"):
-        from drivetool.files.tables import analysis_tables
-
-        analysis_tables.print_analysis(file, console)
-    else:
-        _print_parameters(file, console)
+    print_file(file, table_console(), per_unit)
 
 
-def _print_parameters(file: Written, console: Console) -> None:
-    """An estimate, after its diagnosis where there is one."""
-    from drivetool.files.tables import result_tables as tables
-
-    if file.diagnosis is not None:
-        from drivetool.files.tables import print_diagnosis
-
-        print_diagnosis(file.diagnosis, console)
-    tables.print_estimate(file, console)
-
-
-def print_findings(file: Written, stderr: bool = True) -> None:
+def show_findings(findings: Sequence[FindingSection], stderr: bool = True) -> None:
     """The findings of a file, worst first."""
     from rich.console import Console
 
-    from drivetool.files.tables import result_tables as tables
+    from drivetool.files.tables import print_findings
 
-    tables.print_findings(file.findings, Console(stderr=stderr, highlight=False))
+    print_findings(findings, Console(stderr=stderr, highlight=False))
 
 
 def draw(job: Job, plots: Sequence[PlotData], records: Sequence[str]) -> list[str]:
@@ -120,17 +98,22 @@ def draw(job: Job, plots: Sequence[PlotData], records: Sequence[str]) -> list[st
     return draw_all(plots, job.plot, job.step, records)
 
 
-def draw_recordings(job: Job, experiments: Sequence[Experiment]) -> None:
+@contextmanager
+def recordings_drawn_on_failure(job: Job, experiments: Sequence[Experiment]) -> Iterator[None]:
     """The recordings, for the person who looks for the reason of a failed fit."""
-    if job.plot:
-        from drivetool.files.figures import recording_plot
+    try:
+        yield
+    except DriveToolError:
+        if job.plot:
+            from drivetool.files.figures import recording_plot
 
-        draw(job, [recording_plot(each) for each in experiments], [each.name for each in experiments])
+            draw(job, [recording_plot(each) for each in experiments], [each.name for each in experiments])
+        raise
 
 
 def _say_outcome(job: Job, file: Written, pictures: Sequence[str]) -> None:
     """Findings, the outcome and the written files."""
-    print_findings(file)
+    show_findings(file.findings)
     outcome = getattr(file, "outcome", "") or getattr(file, "verdict", "")
     if outcome:
         say(job.step, outcome)
@@ -141,8 +124,8 @@ def _say_outcome(job: Job, file: Written, pictures: Sequence[str]) -> None:
 
 
 def show_entries(title: str, entries: Sequence[Mapping[str, Any]], every: bool, json: bool,
-                 print_all: Callable, print_one: Callable) -> None:
-    """Print entries of a catalogue: on a terminal as tables, else as YAML or JSON.
+                 print_all: Callable, print_one: Callable) -> int:
+    """Print entries of a catalogue: on a terminal as tables, else as YAML or JSON; the exit code.
 
     title  key of the list; every: whether all are requested, else the first one is printed
     """
@@ -151,8 +134,8 @@ def show_entries(title: str, entries: Sequence[Mapping[str, Any]], every: bool, 
     if json or not sys.stdout.isatty():
         content = {title: entries} if every else entries[0]
         write_stdout(to_json(content) if json else to_yaml(content))
-        return
-    if every:
+    elif every:
         print_all(entries, table_console())
     else:
         print_one(entries[0], table_console())
+    return DONE

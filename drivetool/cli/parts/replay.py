@@ -32,24 +32,19 @@ def replay_gains(experiments: Sequence[Experiment], models: Sequence[tuple[str, 
 
     name, digest, file = load_gains(path)
     wiring, settings = controller_of(file, name, configuration)
-    checks: list[CheckSection] = []
-    plots: list[PlotData] = []
-    found: list[Finding] = []
     tuned_on = {entry.sha256 for entry in file.inputs}
-    for model, sha256, drive in models:
-        if sha256 not in tuned_on:
-            found.append(_other_tuning_note(model, name, [entry.file for entry in file.inputs]))
-        loop = build(drive, wiring)
-        for experiment in experiments:
-            run = replay_load_step(loop, settings, experiment)
-            checks += [_replay_check(model, experiment, run, role, options) for role in run.measured]
-            plots.append(_replay_plot(model, experiment, run))
+    found = [_other_tuning_note(model, name, [entry.file for entry in file.inputs])
+             for model, sha256, _ in models if sha256 not in tuned_on]
+    runs = [(model, experiment, replay_load_step(loop, settings, experiment))
+            for model, _, drive in models for loop in [build(drive, wiring)] for experiment in experiments]
+    checks = [_replay_check(*run, role, options) for run in runs for role in run[2].measured]
     missed = [c for c in checks if not c.passed]
     verdict = f"Replayed {name} on {', '.join(dict.fromkeys(c.file for c in checks))}: " + (
         f"{len(missed)} of {len(checks)} signals miss a limit." if missed else
         "every stated limit is met." if options.min_fit is not None else "no limit is stated.")
     data = tuple(e.source for e in experiments)
-    return Validation(tuple(checks), verdict, tuple(found), data, {}, tuple(plots)), (name, digest)
+    return Validation(tuple(checks), verdict, tuple(found), data, {},
+                      tuple(_replay_plot(*run) for run in runs)), (name, digest)
 
 
 def _replay_check(model: str, experiment: Experiment, run: LoopReplay, role: str,

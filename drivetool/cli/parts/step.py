@@ -21,8 +21,8 @@ from drivetool.cli.options import (
     windows_of,
     with_torques,
 )
-from drivetool.cli.output import deliver, draw_recordings, guarded
-from drivetool.errors import BadOption, DriveToolError
+from drivetool.cli.output import deliver, recordings_drawn_on_failure
+from drivetool.errors import BadOption
 
 if TYPE_CHECKING:
     from drivetool.identify.estimate import Estimate
@@ -32,7 +32,7 @@ if TYPE_CHECKING:
 
 
 def estimator_command(step: str, load: Callable[[], Estimator], own: Mapping[str, tuple] = MappingProxyType({}),
-                      ) -> Callable[..., None]:
+                      ) -> Callable[..., int]:
     """A typer command around an estimator.
 
     step  name of the command
@@ -47,24 +47,20 @@ def estimator_command(step: str, load: Callable[[], Estimator], own: Mapping[str
         starts: cli.Starts = None, seed: cli.Seed = 1, out: cli.Out = None, json: cli.Json = False,
         plot: cli.Plot = None, strict: cli.Strict = False, debug: cli.Debug = False,
         quiet: cli.Quiet = False, **more: object,
-    ) -> None:
-        job = Job(step, logs, params or (), map, drive, set or (), out, json, plot, strict, debug, quiet,
+    ) -> int:
+        from drivetool.identify.setup import Options
+
+        job = Job(step, logs, params or (), map, drive, set or (), out, json, plot, strict, quiet,
                   condition or (), start=more.pop("start", None) or (), record=more.pop("record", None) or (),
                   stages=more.pop("stages", None) or "")
-
-        def work() -> int:
-            from drivetool.identify.setup import Options
-
-            return run(job, load(), Options(
-                tuple(hold or ()), tuple(free or ()), criterion.value, starts, segment, seed,
-                **{name: getattr(value, "value", value) for name, value in more.items()}))
-
-        guarded(step, work, debug, quiet)
+        return run(job, load(), Options(
+            tuple(hold or ()), tuple(free or ()), criterion.value, starts, segment, seed,
+            **{name: getattr(value, "value", value) for name, value in more.items()}))
 
     return _with_signature(command, own)
 
 
-def _with_signature(command: Callable[..., None], own: Mapping[str, tuple]) -> Callable[..., None]:
+def _with_signature(command: Callable[..., int], own: Mapping[str, tuple]) -> Callable[..., int]:
     """The command with the signature that typer reads: **more spelled out."""
     signature = inspect.signature(command, eval_str=True)
     shown = {name: p for name, p in signature.parameters.items() if p.kind is not p.VAR_KEYWORD}
@@ -103,11 +99,8 @@ def run(job: Job, estimator: Estimator, options: Options) -> int:
                       known=opened.loaded.covariance(drive, single=True),
                       start=replace(start_of(job.start, drive), records=differences.starts),
                       stages=windows_of(job.stages, drive.motion_unit))
-    try:
+    with recordings_drawn_on_failure(job, opened.experiments):
         estimate = estimator(opened.experiments, drive, options)
-    except DriveToolError:
-        draw_recordings(job, opened.experiments)
-        raise
     used = asdict(replace(options, known=None)) | dict(estimate.options) | {"set": list(job.set)}
     defaults = asdict(Options())  # the file states options of a single step only where they were requested
     used |= {"stages": job.stages} if job.stages else {}

@@ -9,16 +9,13 @@ import numpy as np
 from drivetool.files.figures import record_figures, report_figures, tune_figures
 from drivetool.files.figures.panels import Panel, mark, picture, zero
 from drivetool.files.figures.plot_style import AXIS_COLOUR, BLUE, CYCLE, GREY, INK, ORANGE, RED
-from drivetool.files.figures.record_figures import line_style
+from drivetool.files.figures.record_figures import Curve, line_style
 from drivetool.identify.estimate import PlotData
 from drivetool.identify.several import MIN_SIGNIFICANT_RATIO
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
-
-
-    Curve = tuple[np.ndarray, np.ndarray]
 
 # In usual distances of the spectral lines. Between 1, no line left out, and 2, one left out; spacings are uneven.
 MIN_GAP_RATIO = 1.6

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections import Counter
 from collections.abc import Sequence
 from io import BytesIO
 from pathlib import Path, PurePath
@@ -36,20 +35,17 @@ def draw_all(plots: Sequence[PlotData], folder: str | Path, step: str,
 
 def picture_names(plots: Sequence[PlotData], step: str, records: Sequence[str]) -> list[str]:
     """'greybox-steps-record.png'; numbers where there is not one plot per record, but one per round, say."""
-    many = Counter(each.kind for each in plots)
+    kinds = [plot.kind for plot in plots]
     stems = [PurePath(record).stem for record in records]
-    seen: Counter[str] = Counter()
     names = []
-    for plot in plots:
-        kind = plot.kind
-        index = seen[kind]
-        seen[kind] += 1
+    for n, kind in enumerate(kinds):
+        index = kinds[:n].count(kind)
         if kind in KINDS_PER_ROUND:
             part = f"-round-{index + 1}"
-        elif many[kind] == len(stems) == len(set(stems)):
+        elif kinds.count(kind) == len(stems) == len(set(stems)):
             part = f"-{stems[index]}"
         else:
-            part = f"-{index + 1}" if many[kind] > 1 else ""
+            part = f"-{index + 1}" if kinds.count(kind) > 1 else ""
         names.append(f"{step}{part}-{kind}.png")
     return names
 

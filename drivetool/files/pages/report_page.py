@@ -6,17 +6,13 @@ import re
 from collections.abc import Iterator, Mapping
 from html import escape
 
-from drivetool.check.outcome import OUTSIDE_CATALOGUE, Diagnosis, Gain
+from drivetool.check.outcome import OUTSIDE_CATALOGUE, Diagnosis
 from drivetool.files.figures import svg
 from drivetool.files.pages.rendering import rendered
 from drivetool.files.shapes import parameter_shapes as shapes
 from drivetool.files.tables import report_words as words, short
 
 _DIMMED_STATES = ("no-gain", "not-shown", "in-the-model", "failed")
-_PICTURE_ORDER = ("diagnosis-record", "diagnosis-candidates", "diagnosis-residual-time",
-                  "diagnosis-residual-reversal",
-          "diagnosis-residual-speed", "diagnosis-residual-torque", "diagnosis-residual-order",
-          "diagnosis-order-map")
 
 
 def diagnosis_page(diagnosis: Diagnosis, file: shapes.ParameterFile,
@@ -31,23 +27,12 @@ def diagnosis_page(diagnosis: Diagnosis, file: shapes.ParameterFile,
     return rendered(
         "diagnosis.html", diagnosis=diagnosis, file=file, gain=diagnosis.gain, words=words, short=short,
         records=", ".join(entry.file for entry in file.data) or "the records",
-        figures=_gain_figures(diagnosis.gain), causes=list(_causes(diagnosis)), pictures=list(_pictures(diagnosis)),
+        causes=list(_causes(diagnosis)), pictures=list(_pictures(diagnosis)),
         rounds=[(one, sorted((c for c in section.candidates if c.round == one.round),
                              key=lambda c: (c.gain is None, -(c.gain or 0.0)))) for one in section.rounds],
         dimmed=_DIMMED_STATES,
         parameters=[(name, old, new) for name, old, new in pairs if old is not None or new.status != "held"],
         sources=", ".join(f"{entry.file} (SHA-256 {entry.sha256[:16]})" for entry in (*file.data, *file.inputs)))
-
-
-def _gain_figures(gain: Gain) -> list[tuple[str, str]]:
-    """(figure, its name); a figure that is not known is nan."""
-    def change(before: float, after: float, unit: str) -> str:
-        return f"{short(before, 4)} \u2192 {short(after, 4)} {unit}"
-
-    return [(change(gain.held_out_rmse_before, gain.held_out_rmse_after, gain.unit), "error on data held out"),
-            (change(gain.held_out_fit_before, gain.held_out_fit_after, "%"), "fit on data held out"),
-            (f"{short(gain.noise_floor, 3)} {gain.unit}", "noise of the sensor alone"),
-            (f"{short(gain.unexplained_percent, 3)} %", "of the base model's unexplained log likelihood remains")]
 
 
 def _causes(diagnosis: Diagnosis) -> Iterator[tuple[str, str, str, str]]:
@@ -65,7 +50,7 @@ def _causes(diagnosis: Diagnosis) -> Iterator[tuple[str, str, str, str]]:
 
 def _pictures(diagnosis: Diagnosis) -> Iterator[tuple[str, str]]:
     """(picture, how to read it) of every figure; the first of its kind is explained."""
-    plots = [e for kind in _PICTURE_ORDER for e in diagnosis.exhibits if e.kind == kind]
+    plots = [e for kind in words.CAPTIONS for e in diagnosis.exhibits if e.kind == kind]
     for n, plot in enumerate(plots):
         explained = any(other.kind == plot.kind for other in plots[:n])
         yield _inline_svg(svg(plot), n + 1, plot.title), "" if explained else words.CAPTIONS[plot.kind]

@@ -10,18 +10,8 @@ from drivetool.files.tables.table import Column, Row, Table, lines, numbers, sho
 from drivetool.identify.several import SwapLineSection, SwapSection
 
 
-def print_analysis(file: SpectraFile | ComparisonFile, console: Console) -> None:
-    """The tables of a file; colours only on a terminal."""
-    if isinstance(file, SpectraFile):
-        _print_spectra(file, console)
-    elif isinstance(file.swap, SwapSection):
-        _print_swap_comparison(file.swap, console)
-        console.print(lines([] if file.findings else [file.outcome]))  # findings have the same sentence
-    else:
-        _print_comparison(file, console)
-
-
-def _print_spectra(file: SpectraFile, console: Console) -> None:
+def print_spectra(file: SpectraFile, console: Console) -> None:
+    """The peaks, then distortion, coherence and uncertainty."""
     rows = [Row((p.kind, short(p.hz, 5), short(p.resolution_hz / 2, 3), short(p.magnitude),
                  short(p.prominence_db, 3))) for p in file.peaks]
     heads = ("Hz", "+- bin width/2", f"magnitude {file.unit}", "prominence dB")
@@ -36,7 +26,12 @@ def _print_spectra(file: SpectraFile, console: Console) -> None:
           for name, value in file.uncertainty.items() if value is not None), file.outcome]))
 
 
-def _print_comparison(file: ComparisonFile, console: Console) -> None:
+def print_comparison(file: ComparisonFile, console: Console) -> None:
+    """Of structures on recordings, or of two sides of one drive."""
+    if isinstance(file.swap, SwapSection):
+        _print_swap_comparison(file.swap, console)
+        console.print(lines([] if file.findings else [file.outcome]))  # findings have the same sentence
+        return
     short_names = short_labels(name for c in file.cross for name in (c.fitted_on, c.checked_on))
     for structure in dict.fromkeys(c.structure for c in file.cross):
         names = list(dict.fromkeys(c.checked_on for c in file.cross if c.structure == structure))

@@ -10,7 +10,7 @@ from rich.text import Text
 from drivetool.check.verdict import RULES
 from drivetool.files.shapes import parameter_shapes as shapes
 from drivetool.files.tables.number_format import short
-from drivetool.files.tables.report_words import STATES, VERDICTS, detection_limits, gain_text
+from drivetool.files.tables.report_words import STATES, VERDICTS, detection_limits, with_std
 from drivetool.files.tables.table import Column, Row, Table, lines, numbers
 
 _VERDICT_STYLES = {"nothing-found": "green", "named": "bold green", "undetermined": "bold yellow",
@@ -50,8 +50,9 @@ def _candidate_table(candidates: Sequence[shapes.CandidateSection], title: str) 
                Column("min detectable", rank=1)]
     ordered = sorted(candidates, key=lambda c: (c.gain is None, -(c.gain or 0.0)))
     return Table(columns, [Row((
-        each.code, gain_text(each), "-" if each.evidence is None else f"{each.evidence:.1f}", STATES[each.state],
-        detection_limits(each, names=False) or "-"), _STATE_STYLES.get(each.state, "")) for each in ordered], title)
+        each.code, with_std(each.gain, each.gain_std), "-" if each.evidence is None else f"{each.evidence:.1f}",
+        STATES[each.state], detection_limits(each, names=False) or "-"), _STATE_STYLES.get(each.state, ""))
+        for each in ordered], title)
 
 
 def _gain_lines(gain: shapes.GainSection) -> list[str]:

@@ -17,13 +17,17 @@ VERDICTS = {"nothing-found": "Nothing found", "named": "Cause found", "undetermi
 STATES = {"named": "named", "possible": "as good as the best", "worse": "worse than the best",
           "no-gain": "no gain", "not-shown": "not identifiable", "in-the-model": "already in the model",
           "failed": "failed"}
-CAPTIONS = {
+CAPTIONS = {  # in the order of the page
     "diagnosis-record": "Grey: measurement; orange: base model; blue: model with the causes found. "
                         "Where orange departs from grey, the base model is wrong. The shaded part is enlarged "
                         "at the bottom.",
+    "diagnosis-candidates": "Increase of the held-out log likelihood with each cause added. A bar whose "
+                            "error bar reaches zero shows no significant gain.",
     "diagnosis-residual-time": "An error that recurs at the same events is a property of the machine; one that "
                                "begins once is an event; one that decays is a drift. Free runs start anew "
                                "where the error jumps.",
+    "diagnosis-residual-reversal": "All reversals superimposed, the downward ones mirrored. A ringing "
+                                   "that starts there is backlash, a ramp that starts there is dry friction.",
     "diagnosis-residual-speed": "A step at zero is dry friction, a hump near zero breakaway friction, a parabola "
                                 "drag. A flat curve means that the friction model is correct.",
     "diagnosis-residual-torque": "A slope indicates a wrong stiffness, inertia or torque scale; growth towards the "
@@ -35,10 +39,6 @@ CAPTIONS = {
     "diagnosis-order-map": "An upright ridge is a torque that repeats with the motor's angle, at every speed: "
                            "ripple or cogging. A ridge whose order falls as the speed rises is a disturbance of "
                            "fixed frequency. White is within the noise, or too fast for the sampling rate.",
-    "diagnosis-residual-reversal": "All reversals superimposed, the downward ones mirrored. A ringing "
-                                   "that starts there is backlash, a ramp that starts there is dry friction.",
-    "diagnosis-candidates": "Increase of the held-out log likelihood with each cause added. A bar whose "
-                            "error bar reaches zero shows no significant gain.",
 }
 
 
@@ -106,11 +106,6 @@ def detection_limits(candidate: CandidateSection, names: bool = True) -> str:
     """'shaft.half_gap 0.0002 rad', or without the name; empty where it is not known."""
     return ", ".join(f"{name if names else ''} {short(size.value, 2)} {size.unit or ''}".strip()
                      for name, size in candidate.smallest.items() if size.value is not None)
-
-
-def gain_text(candidate: CandidateSection) -> str:
-    """Of the held-out log likelihood: '1230 +- 40'."""
-    return with_std(candidate.gain, candidate.gain_std)
 
 
 def with_std(value: float | None, std: float | None) -> str:

@@ -11,6 +11,7 @@ from rich.console import Console
 from rich.text import Text
 
 from drivetool.files.shapes import parameter_shapes as shapes
+from drivetool.files.tables.diagnosis_table import print_diagnosis
 from drivetool.files.tables.number_format import percent, rounded, short
 from drivetool.files.tables.table import Column, Row, Table, lines, numbers, short_labels
 from drivetool.files.yaml import escape_unprintable, units
@@ -26,11 +27,13 @@ LARGE_CORRELATION, MAX_CORRELATIONS = 0.9, 10
 
 
 def print_estimate(file: shapes.ParameterFile, console: Console) -> None:
-    """Parameters, the correlated ones, why some have no +-, and the fit figures.
+    """The diagnosis if there is one, parameters, the correlated ones, why some have no +-, and the fit figures.
 
     file     its parameters as sections, not bare numbers
     console  where to; colours only on a terminal
     """
+    if file.diagnosis is not None:
+        print_diagnosis(file.diagnosis, console)
     correlations = _correlation_lines(file.covariance)
     console.print(_parameter_table(file.parameters), lines(filter(None, [_interval_scope(file)]), "dim"),
                   lines(correlations, "yellow"))

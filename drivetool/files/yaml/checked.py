@@ -24,6 +24,11 @@ _SECTION_SHAPES = {"tool": shapes.Tool, "drive": shapes.DriveSection, "covarianc
 _LIST_ITEM_SHAPES = {"findings": shapes.FindingSection, "records": shapes.FileSection, "data": shapes.FileSection,
           "inputs": shapes.FileSection}
 
+OTHER_SCHEMA_ADVICE = "Write the file again with this version of drivetool, or check it and change its schema line."
+_OTHER_FILE_ADVICE = {
+    shapes.VALIDATION_SCHEMA: "Give the parameter file that was validated, not the file that validate wrote.",
+    gains_shapes.GAINS_SCHEMA: "Give the parameter file that was tuned; the file that tune wrote goes to --gains."}
+
 
 def parameter_file(raw: dict[Any, Any], name: str) -> shapes.ParameterFile:
     """The typed parameter file.
@@ -68,16 +73,10 @@ def gains_file(raw: dict[Any, Any], name: str) -> gains_shapes.GainsFile:
 def _check_schema(raw: dict[Any, Any], name: str) -> None:
     """Refuse a file whose first key states another kind or version."""
     wanted, found = shapes.PARAMETERS_SCHEMA, raw.get("schema")
-    if found == wanted:
-        return
-    do = f"Begin the file with 'schema: {wanted}'."
-    if found is not None:
-        do = "Write the file again with this version of drivetool, or check it and change its schema line."
-    if found == shapes.VALIDATION_SCHEMA:
-        do = "Give the parameter file that was validated, not the file that validate wrote."
-    if found == gains_shapes.GAINS_SCHEMA:
-        do = "Give the parameter file that was tuned; the file that tune wrote goes to --gains."
-    raise BadParameters(f"schema {wanted}", f"{found or 'no schema'} in {name}", do)
+    if found != wanted:
+        raise BadParameters(f"schema {wanted}", f"{found or 'no schema'} in {name}", (
+            f"Begin the file with 'schema: {wanted}'." if found is None else
+            _OTHER_FILE_ADVICE.get(str(found), OTHER_SCHEMA_ADVICE)))
 
 
 def _check_keys(raw: dict[Any, Any], shape: type[Shape], name: str, where: str) -> None:

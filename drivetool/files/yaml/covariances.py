@@ -8,7 +8,7 @@ import numpy as np
 
 from drivetool.drive import Drive, is_constant
 from drivetool.files.shapes import parameter_shapes as shapes
-from drivetool.files.yaml.written_values import factor_to_drive, written_value
+from drivetool.files.yaml.written_values import factor_to_drive, value_in_drive, written_value
 from drivetool.identify.estimate import Covariance
 
 # Relative. Files state ten significant digits: a value carried on and converted differs by far less.
@@ -29,8 +29,8 @@ def merged_covariance(files: Sequence[tuple[str, shapes.ParameterFile]], drive: 
     matrix, values, scatter = np.zeros((0, 0)), dict[str, float](), dict[str, float]()
     for name, file in files:
         own, block = _file_covariance(name, file, drive)
-        given = {n: v for n, entry in file.parameters.items()
-                 if (v := _converted_value(n, entry, drive, name)) is not None}
+        given = {n: v for n, entry in file.parameters.items() if (n in drive.values or not is_constant(n))
+                 and (v := value_in_drive(drive, n, entry, name)) is not None}
         unchanged = [i for i, n in enumerate(names) if n not in own and is_carried_on(given.get(n), values.get(n))]
         names = [*(names[i] for i in unchanged), *own]
         matrix = np.block([[matrix[np.ix_(unchanged, unchanged)], np.zeros((len(unchanged), len(own)))],
@@ -76,10 +76,3 @@ def _between_records(parameter: str, entry: shapes.ParameterSection | float | No
     if not isinstance(entry, shapes.ParameterSection) or not isinstance(entry.repeatability, float):
         return 0.0
     return entry.repeatability * factor_to_drive(drive, parameter, entry.unit, name)
-
-
-def _converted_value(parameter: str, entry: shapes.ParameterSection | float, drive: Drive,
-                     name: str) -> float | None:
-    value, unit = written_value(entry)
-    is_in_drive = not is_constant(parameter) or parameter in drive.values
-    return None if value is None or not is_in_drive else value * factor_to_drive(drive, parameter, unit, name)

@@ -27,7 +27,12 @@ from drivetool.files.shapes import (
 from drivetool.files.yaml import checked, units
 from drivetool.files.yaml.covariances import merged_covariance
 from drivetool.files.yaml.text import from_yaml
-from drivetool.files.yaml.written_values import factor_to_drive, file_named_in_errors, written_value
+from drivetool.files.yaml.written_values import (
+    factor_to_drive,
+    file_named_in_errors,
+    value_in_drive,
+    written_value,
+)
 from drivetool.identify.estimate import Covariance
 from drivetool.logs.channels import SCHEMA as MAP_SCHEMA
 from drivetool.quantity import ELECTRIC_UNITS, RECORD_MARK, shared
@@ -61,12 +66,8 @@ class Loaded:
     @property
     def noise(self) -> Mapping[str, float]:
         """Of the last file that has any."""
-        return {k: v for k, v in self._last_section("noise").items() if v is not None}
-
-    @property
-    def details(self) -> Mapping[str, object]:
-        """Of the last file that has any."""
-        return self._last_section("details")
+        noise = next((source.file.noise for source in reversed(self.sources) if source.file.noise), {})
+        return {k: v for k, v in noise.items() if v is not None}
 
     def drive(self, default: Drive | None = None) -> Drive:
         """The drive of the files with their values.
@@ -95,11 +96,8 @@ class Loaded:
             section = source.file.drive or shapes.DriveSection()
             _check_units(section, drive, source.name)
             drive = _with_records(drive, source)
-            values = {}
-            for name, entry in source.file.parameters.items():
-                value, unit = written_value(entry)
-                if value is not None:
-                    values[name] = value * factor_to_drive(drive, name, unit, source.name)
+            values = {name: value for name, entry in source.file.parameters.items()
+                      if (value := value_in_drive(drive, name, entry, source.name)) is not None}
             _check_totals(values, drive, source.name)
             with file_named_in_errors(source.name):
                 drive = drive.with_values(values)
@@ -107,13 +105,9 @@ class Loaded:
 
     def sections(self, drive: Drive) -> dict[str, shapes.ParameterSection]:
         """What the files say about each parameter, bare numbers with the unit of `drive`."""
-        merged = {}
-        for source in self.sources:
-            for name, entry in source.file.parameters.items():
-                if not isinstance(entry, shapes.ParameterSection):
-                    entry = shapes.ParameterSection(value=float(entry), unit=drive.unit(name))
-                merged[name] = entry
-        return merged
+        return {name: entry if isinstance(entry, shapes.ParameterSection) else
+                shapes.ParameterSection(value=float(entry), unit=drive.unit(name))
+                for source in self.sources for name, entry in source.file.parameters.items()}
 
     def covariance(self, drive: Drive, single: bool = False) -> Covariance | None:
         """Of all the files, in the units of `drive`; a value that a later file changes loses its covariance.
@@ -143,8 +137,7 @@ class Loaded:
     def ratings(self, drive: Drive) -> tuple[float, float] | None:
         """(torque, speed) that 100 % stands for, in the units of `drive`; of the last file that has them."""
         for source in reversed(self.sources):
-            section = source.file.ratings
-            if section is not None:
+            if section := source.file.ratings:
                 return (_converted(section.torque, drive.torque_unit, "ratings.torque", source.name),
                         _converted(section.speed, f"{drive.motion_unit}/s", "ratings.speed", source.name))
         return None
@@ -152,22 +145,16 @@ class Loaded:
     @property
     def carried(self) -> dict[str, shapes.Shape]:
         """Sections that no estimator changes and every file takes over."""
-        found = {key: [getattr(source.file, key) for source in self.sources] for key in ("ratings", "controller")}
-        return {key: last for key, each in found.items() for last in [s for s in each if s is not None][-1:]}
+        return {key: section for source in self.sources for key in ("ratings", "controller")
+                if (section := getattr(source.file, key)) is not None}
 
     @property
     def speed_filter(self) -> float:
         """Time constant of the speed measurement's filter [s]; 0 where no file has one."""
         for source in reversed(self.sources):
-            section = source.file.controller
-            if section is not None and section.speed_filter is not None:
+            if (section := source.file.controller) and section.speed_filter:
                 return _converted(section.speed_filter, "s", "controller.speed_filter", source.name, least=0.0)
         return 0.0
-
-    def _last_section(self, key: str) -> Mapping:
-        """A section of the last file that has anything there."""
-        found = [getattr(source.file, key) for source in self.sources]
-        return next((section for section in reversed(found) if section), {})
 
     @property
     def own_units(self) -> tuple[str, str, str]:
@@ -215,19 +202,14 @@ def load_result(path: str | Path, stdin: BinaryIO | None = None) -> Result:
     if schema in others:
         return checked.result_file(raw, others[schema], name)
     if schema != shapes.PARAMETERS_SCHEMA:
+        advice = {
+            MAP_SCHEMA: "A channel map is an input: 'drivetool inspect LOG --map FILE' shows what it makes of "
+                        "a log.",
+            "no schema": f"Begin a parameter file with 'schema: {shapes.PARAMETERS_SCHEMA}'."}
         raise BadParameters("a file that a step wrote, to show its table", f"{schema} in {name}",
-                            _advice_without_table(schema), (shapes.PARAMETERS_SCHEMA, *others))
+                            advice.get(schema, checked.OTHER_SCHEMA_ADVICE), (shapes.PARAMETERS_SCHEMA, *others))
     loaded = Loaded((_checked_source(name, data),))
     return msgspec.structs.replace(loaded.sources[0].file, parameters=loaded.sections(loaded.drive()))
-
-
-def _advice_without_table(schema: str) -> str:
-    """What to do about a file that has no table."""
-    if schema == MAP_SCHEMA:
-        return "A channel map is an input: 'drivetool inspect LOG --map FILE' shows what it makes of a log."
-    if schema == "no schema":
-        return f"Begin a parameter file with 'schema: {shapes.PARAMETERS_SCHEMA}'."
-    return "Write the file again with this version of drivetool, or check it and change its schema line."
 
 
 def _checked_source(name: str, data: bytes) -> ParameterSource:
@@ -301,11 +283,8 @@ def _with_records(drive: Drive, source: ParameterSource) -> Drive:
                             "Delete one of them.")
     names = {sha: name for name, sha in records.items()}
     renamed = {old: names.get(sha, "" if old in records else old) for old, sha in drive.records.items()}
-    values = {}
-    for n, v in drive.values.items():
-        kind, at, old = n.partition(RECORD_MARK)
-        if not at or renamed[old]:
-            values[f"{kind}{RECORD_MARK}{renamed[old]}" if at else n] = v
+    values = {f"{kind}{at}{renamed[old]}" if at else n: v for n, v in drive.values.items()
+              for kind, at, old in [n.partition(RECORD_MARK)] if not at or renamed[old]}
     renamed_records = {new: drive.records[old] for old, new in renamed.items() if new}
     return replace(drive, values=values, records={**renamed_records, **records})
 

@@ -57,11 +57,7 @@ _SPELLINGS = {"kgm": "kg m", "kgcm": "kg cm", "kgmm": "kg mm",
 
 def is_known(unit: str) -> bool:
     """Whether a unit can be read."""
-    try:
-        _parse_unit(unit)
-    except ValueError:
-        return False
-    return True
+    return _factor_and_exponents(unit) is not None
 
 
 def conversion_factor(unit: str, wanted: str, what: str) -> float:
@@ -74,10 +70,8 @@ def conversion_factor(unit: str, wanted: str, what: str) -> float:
     """
     if unit == wanted:
         return 1.0
-    try:
-        (scale, kind), (base, target) = _parse_unit(unit), _parse_unit(wanted)
-    except ValueError:
-        scale, kind, base, target = 1.0, None, 1.0, ()
+    scale, kind = _factor_and_exponents(unit) or (1.0, None)
+    base, target = _factor_and_exponents(wanted) or (1.0, ())
     if wanted == "kg m^2" and kind:
         kind = (*kind[:4], 0, kind[5])  # Nm s^2/rad is the same inertia
     if (kind, target) == (_PERCENT, _DIMENSIONLESS):
@@ -90,12 +84,17 @@ def conversion_factor(unit: str, wanted: str, what: str) -> float:
 
 def torque_over_input(unit: str) -> tuple[str, str] | None:
     """Units (torque, input) of a torque constant as written: ('Nm', 'A') of 'mNm/kA'; None: no torque constant."""
-    try:
-        kind = _parse_unit(unit)[1]
-    except ValueError:
-        return None
+    _, kind = _factor_and_exponents(unit) or (1.0, None)
     return next(((torque, fed) for torque in ("Nm", "N") for fed in ELECTRIC_UNITS
                  if kind == _parse_unit(f"{torque}/{fed}")[1]), None)
+
+
+def _factor_and_exponents(unit: str) -> tuple[float, tuple[int, ...]] | None:
+    """Factor to SI, and exponents; None of a unit that cannot be read."""
+    try:
+        return _parse_unit(unit)
+    except ValueError:
+        return None
 
 
 def _parse_unit(text: str) -> tuple[float, tuple[int, ...]]:

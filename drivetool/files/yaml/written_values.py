@@ -16,6 +16,13 @@ def written_value(entry: shapes.ParameterSection | float) -> tuple[float | None,
     return (entry.value, entry.unit) if isinstance(entry, shapes.ParameterSection) else (entry, None)
 
 
+def value_in_drive(drive: Drive, parameter: str, entry: shapes.ParameterSection | float,
+                   name: str) -> float | None:
+    """The value in the drive's own unit; None: the file has none."""
+    value, unit = written_value(entry)
+    return None if value is None else value * factor_to_drive(drive, parameter, unit, name)
+
+
 def factor_to_drive(drive: Drive, parameter: str, unit: str | None, name: str) -> float:
     """Factor from the written unit to the drive's own."""
     with file_named_in_errors(name):
