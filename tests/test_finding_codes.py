@@ -8,7 +8,7 @@ from pathlib import Path
 import pytest
 
 from drivetool.check.causes import CAUSES
-from drivetool.errors import Finding
+from drivetool.finding import Finding
 from drivetool.finding_codes import CODES, DOUBTING, RENAMED, SHIFTED, STAGES, SUMMED
 from tests.places import ROOT
 

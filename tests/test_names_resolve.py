@@ -82,8 +82,8 @@ def test_every_path_is_there():
 
 
 @pytest.mark.parametrize(("name", "there"), [
-    ("drivetool.errors", True), ("drivetool.errors.Finding", True),
-    ("drivetool.errors.Finding.code.nothing", False), ("drivetool.nothing", False),
+    ("drivetool.finding", True), ("drivetool.finding.Finding", True),
+    ("drivetool.finding.Finding.code.nothing", False), ("drivetool.nothing", False),
     ("drivetool.errors.nothing", False), ("drivetool.drive.nothing.errors", False)])
 def test_what_resolves(name, there):
     assert resolves(name) == there

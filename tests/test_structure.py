@@ -18,8 +18,8 @@ LOWER["files"] = LOWER["check"] | {"check", "tune"}
 LOWER["site"] = LOWER["files"] | {"files"}
 LOWER["cli"] = LOWER["site"] | {"site"}
 LOWER["__main__"] = {"cli"}
-LOWER["errors"] = {"finding_codes", "results"}
-LOWER["finding_codes"] = LOWER["quantity"] = LOWER["progress"] = LOWER["results"] = LOWER["__init__"] = set()
+LOWER["finding"] = {"finding_codes", "results"}
+LOWER["errors"] = LOWER["finding_codes"] = LOWER["quantity"] = LOWER["progress"] = LOWER["results"] = LOWER["__init__"] = set()
 FREE = {"numpy", "scipy", "drivetool", "msgspec", "lazy_loader"} | set(sys.stdlib_module_names)
 FENCED = {"logs": {"mcap", "pyarrow", "lz4", "zstandard"}, "tune": {"control", "numba"},
           "drive": {"llvmlite", "numba"},
@@ -162,9 +162,9 @@ def _loads(path):
 
 
 PLANTED = {
-    "from drivetool.errors import Finding": ("drivetool.errors", False, False),
-    "def f():\n    from drivetool.errors import Finding": ("drivetool.errors", True, False),
-    "async def f():\n    from drivetool.errors import Finding": ("drivetool.errors", True, False),
+    "from drivetool.finding import Finding": ("drivetool.finding", False, False),
+    "def f():\n    from drivetool.finding import Finding": ("drivetool.finding", True, False),
+    "async def f():\n    from drivetool.finding import Finding": ("drivetool.finding", True, False),
     "class A:\n    def f(self):\n        from drivetool.logs import Experiment": (
         "drivetool.logs.experiment", True, False),
     "if TYPE_CHECKING:\n    from drivetool.logs.units import Unit": ("drivetool.logs.units", False, True),

@@ -47,7 +47,8 @@ from drivetool.check.search import (
 )
 from drivetool.check.verdict import MIN_UNEXPLAINED_GAIN, diagnosis_of
 from drivetool.drive import Drive
-from drivetool.errors import BadParameters, DriveToolError, Finding, NotEnoughData
+from drivetool.errors import BadParameters, DriveToolError, NotEnoughData
+from drivetool.finding import Finding
 from drivetool.identify.setup import Roles, Task, after_transient, roles_of, traces_of
 from drivetool.identify.starts import SHAPE_QUANTITIES
 from drivetool.logs import Experiment

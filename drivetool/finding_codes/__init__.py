@@ -1,6 +1,6 @@
 """The registry of finding codes: the code of a finding comes in; its meaning, and what to do, go out.
 
-One table per stage of the work. The reference pages print it, and `errors.Finding` refuses a code that it lacks.
+One table per stage of the work. The reference pages print it, and `finding.Finding` refuses a code that it lacks.
 """
 
 import lazy_loader

@@ -1,6 +1,6 @@
 """The registry of finding codes: each code that a finding may have, with its meaning and what to do.
 
-One table per stage of the work. The reference pages print it, and `errors.Finding` refuses a code that it lacks.
+One table per stage of the work. The reference pages print it, and `finding.Finding` refuses a code that it lacks.
 """
 
 from __future__ import annotations

@@ -13,7 +13,8 @@ from zlib import crc32
 
 import numpy as np
 
-from drivetool.errors import BadOption, BadRecording, Finding
+from drivetool.errors import BadOption, BadRecording
+from drivetool.finding import Finding
 from drivetool.logs.grid import STEP_TOLERANCE
 from drivetool.logs.roles import quantity
 

@@ -7,7 +7,8 @@ from dataclasses import replace
 import numpy as np
 
 from drivetool.drive import Drive
-from drivetool.errors import BadOption, BadParameters, Finding, nearest
+from drivetool.errors import BadOption, BadParameters, nearest
+from drivetool.finding import Finding
 from drivetool.identify.estimate import Covariance
 from drivetool.progress import counted
 from drivetool.tune import remarks

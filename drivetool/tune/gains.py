@@ -6,7 +6,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 
 from drivetool.drive import Drive
-from drivetool.errors import Finding
+from drivetool.finding import Finding
 from drivetool.identify.estimate import Covariance
 from drivetool.tune.optimisation import Criterion, Factors, FigureSpread, TuneLimits, Variation, criterion
 from drivetool.tune.simulation import DisturbanceResponse

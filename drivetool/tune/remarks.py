@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from math import isfinite
 
 from drivetool.drive import Drive
-from drivetool.errors import Finding
+from drivetool.finding import Finding
 from drivetool.identify.estimate import Covariance
 from drivetool.quantity import quantity_of
 from drivetool.tune.gains import Design, TuneOptions

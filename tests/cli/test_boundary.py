@@ -20,7 +20,8 @@ import yaml
 import drivetool
 from drivetool.cli import command_line
 from drivetool.cli.output import exit_codes
-from drivetool.errors import Finding, NotEnoughData
+from drivetool.errors import NotEnoughData
+from drivetool.finding import Finding
 from drivetool.identify.estimate import Estimate, Parameter, PlotData
 from tests.places import ROOT
 

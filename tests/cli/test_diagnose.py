@@ -15,9 +15,10 @@ import pytest
 import yaml
 
 from drivetool.check.outcome import OUTSIDE_CATALOGUE, DiagnoseOptions
-from drivetool.errors import Finding, NotEnoughData
+from drivetool.errors import NotEnoughData
 from drivetool.files.disk import write
 from drivetool.files.shapes import schema
+from drivetool.finding import Finding
 from tests import diagnosed
 
 FITTED = """schema: drivetool/parameters/1

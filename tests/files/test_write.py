@@ -15,7 +15,7 @@ from rich.console import Console
 
 from drivetool.check.validation import CheckSection, Validation
 from drivetool.drive import two_mass
-from drivetool.errors import BadOption, CannotWrite, Finding
+from drivetool.errors import BadOption, CannotWrite
 from drivetool.files.disk import write
 from drivetool.files.figures import plots, thinning
 from drivetool.files.results.result_file import dump, dump_estimate, dump_validation, estimate_file, validation_file
@@ -23,6 +23,7 @@ from drivetool.files.shapes import schema
 from drivetool.files.tables import result_tables as tables
 from drivetool.files.tables.number_format import rounded
 from drivetool.files.yaml.parameter_file import load_parameters, load_result
+from drivetool.finding import Finding
 from drivetool.identify.estimate import Covariance, Estimate, Parameter, PlotData
 from tests.places import SCHEMAS
 

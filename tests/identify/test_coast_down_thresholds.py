@@ -9,7 +9,8 @@ import numpy as np
 import pytest
 
 from drivetool.drive import one_body
-from drivetool.errors import BadRecording, Finding, NotEnoughData
+from drivetool.errors import BadRecording, NotEnoughData
+from drivetool.finding import Finding
 from drivetool.identify.coast_down import laws, readings, report, stretches
 from drivetool.identify.coast_down.coast_down_fit import CoastDownFit
 from tests.coasting import RPM, STEP, Motor, counts, motion, recording

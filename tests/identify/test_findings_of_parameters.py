@@ -6,7 +6,7 @@ from types import SimpleNamespace
 import pytest
 
 from drivetool.drive import two_mass
-from drivetool.errors import Finding
+from drivetool.finding import Finding
 from drivetool.identify.acceleration.estimator import as_drive_parameters, rigid_of
 from drivetool.identify.estimate.estimate import Estimate, Parameter
 from drivetool.identify.estimate.interval_and_status import parameters_of, without_not_identifiable_findings

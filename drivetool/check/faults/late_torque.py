@@ -7,7 +7,8 @@ from dataclasses import replace
 import numpy as np
 
 from drivetool.drive import one_body, two_mass
-from drivetool.errors import DriveToolError, Finding, NotEnoughData
+from drivetool.errors import DriveToolError, NotEnoughData
+from drivetool.finding import Finding
 from drivetool.identify.channels import AT_MOTOR, TORQUE_ROLE, residual_uncorrelated, torque_timing
 from drivetool.identify.fit import fit_task
 from drivetool.identify.setup import Options, Outcome, Task, roles_of

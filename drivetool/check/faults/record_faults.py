@@ -20,7 +20,7 @@ from drivetool.check.faults.channel_ratio import (
 from drivetool.check.faults.sensor_delay import speed_delay
 from drivetool.check.faults.spikes import OUTPUTS, without_outliers
 from drivetool.check.fit import MIN_ROUNDING_VARIANCE_SHARE, resolution
-from drivetool.errors import Finding
+from drivetool.finding import Finding
 from drivetool.identify.setup import white_std
 from drivetool.logs import Experiment
 

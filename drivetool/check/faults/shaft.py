@@ -12,7 +12,7 @@ import numpy as np
 from drivetool.check.faults.record_faults import Fault
 from drivetool.check.fit import Model, fit_from_start
 from drivetool.drive import Assembly, Drive, Layout, closed_shaft
-from drivetool.errors import Finding
+from drivetool.finding import Finding
 from drivetool.identify.noise import filtered, filtered_normal_equations
 from drivetool.identify.problem import schur
 from drivetool.identify.setup import Roles, Task, roles_of

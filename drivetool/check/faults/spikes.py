@@ -9,7 +9,7 @@ from types import MappingProxyType
 import numpy as np
 
 from drivetool.check.fit import Model, resolution, sensor_std
-from drivetool.errors import Finding
+from drivetool.finding import Finding
 from drivetool.identify.noise import filtered
 from drivetool.identify.setup import traces_of
 from drivetool.logs import Experiment

@@ -17,7 +17,7 @@ from drivetool.check.fit import (
     with_likeliest_noise,
 )
 from drivetool.check.heldout.scores import REFIT_ITERATIONS, Fold
-from drivetool.errors import Finding
+from drivetool.finding import Finding
 from drivetool.identify.noise import filtered_normal_equations
 from drivetool.identify.problem import Point, schur
 from drivetool.identify.setup import problem_of

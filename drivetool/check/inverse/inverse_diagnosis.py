@@ -47,7 +47,8 @@ from drivetool.check.search import Decision, SelectedCauses, decide, law_of, why
 from drivetool.check.starts import Start
 from drivetool.check.verdict import apply_rules, candidate_plots, experiment_of, sentence_of, sizes_of
 from drivetool.drive import TOTALS, Drive
-from drivetool.errors import BadOption, BadParameters, Finding, NotEnoughData
+from drivetool.errors import BadOption, BadParameters, NotEnoughData
+from drivetool.finding import Finding
 from drivetool.identify.estimate import Estimate, Parameter
 from drivetool.identify.fit import with_friction_parts
 from drivetool.identify.inverse import (

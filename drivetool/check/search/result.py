@@ -20,7 +20,7 @@ from drivetool.check.heldout import (
     unexplained_percent,
 )
 from drivetool.check.outcome import DiagnoseOptions, Gain, Round
-from drivetool.errors import Finding
+from drivetool.finding import Finding
 from drivetool.logs import Experiment
 
 

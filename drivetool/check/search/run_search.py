@@ -12,7 +12,7 @@ from drivetool.check.search.exchange_pass import ReassessedCauses, run_exchange_
 from drivetool.check.search.masked_causes import find_masked_causes, is_inconclusive
 from drivetool.check.search.result import SearchResult, SelectedCauses
 from drivetool.check.search.search import Expansion, ForwardSelection
-from drivetool.errors import Finding
+from drivetool.finding import Finding
 from drivetool.logs import Experiment
 
 # Of a base whose free runs are exact to rounding: there is no path from it.

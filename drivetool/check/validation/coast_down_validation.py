@@ -18,7 +18,8 @@ from drivetool.check.validation.coast_down_comparison import (
 from drivetool.check.validation.result import ValidateOptions, Validation
 from drivetool.check.validation.sections import CheckSection
 from drivetool.drive import Drive
-from drivetool.errors import BadOption, Finding, NotEnoughData
+from drivetool.errors import BadOption, NotEnoughData
+from drivetool.finding import Finding
 from drivetool.identify.coast_down import Stretch, coast_down_assumed, stretches_of
 from drivetool.identify.estimate import Covariance, PlotData, fit_percent, fit_text, record_picture
 from drivetool.identify.setup import KnownStart

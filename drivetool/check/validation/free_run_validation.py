@@ -13,7 +13,8 @@ from drivetool.check.validation.replay import Replay, replay, resonances, start_
 from drivetool.check.validation.result import ValidateOptions, Validation
 from drivetool.check.validation.sections import CheckSection
 from drivetool.drive import Drive
-from drivetool.errors import Finding, NotEnoughData
+from drivetool.errors import NotEnoughData
+from drivetool.finding import Finding
 from drivetool.identify.estimate import Covariance, PlotData, fit_percent, fit_text, only_rounding, record_picture
 from drivetool.logs import Experiment, number_duplicates
 

@@ -10,7 +10,7 @@ from drivetool.check.validation.correlation import DEPENDENCE_SIGNIFICANCE
 from drivetool.check.validation.replay import Replay, simulated
 from drivetool.check.validation.sections import CheckSection
 from drivetool.drive import Drive
-from drivetool.errors import Finding
+from drivetool.finding import Finding
 from drivetool.identify.estimate import fit_percent
 from drivetool.identify.noise import with_torque_noise
 from drivetool.logs import Experiment

@@ -9,7 +9,7 @@ import numpy as np
 from drivetool.check.validation.correlation import DEPENDENCE_SIGNIFICANCE, Correlation
 from drivetool.check.validation.result import ValidateOptions
 from drivetool.check.validation.sections import CheckSection
-from drivetool.errors import Finding
+from drivetool.finding import Finding
 from drivetool.identify.estimate import fit_text, rounding_finding
 from drivetool.logs import Experiment
 

@@ -10,7 +10,8 @@ import numpy as np
 from drivetool.check.validation.fit_confidence_region import likeliest_drive_in_region, likeliest_noise_in_interval
 from drivetool.drive import Assembly, Drive, Layout
 from drivetool.drive.simulation import Filtered, Trace
-from drivetool.errors import BadOption, Finding
+from drivetool.errors import BadOption
+from drivetool.finding import Finding
 from drivetool.identify.estimate import Covariance
 from drivetool.identify.fit import segment_states, smoothed_starts
 from drivetool.identify.noise import Noise, filtered, fit_ratio, minus_log_likelihood, with_disturbance_state

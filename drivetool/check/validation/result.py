@@ -7,7 +7,7 @@ from dataclasses import dataclass, field
 from typing import Literal
 
 from drivetool.check.validation.sections import CheckSection
-from drivetool.errors import Finding
+from drivetool.finding import Finding
 from drivetool.identify.estimate import PlotData
 from drivetool.identify.setup import KnownStart
 from drivetool.logs import Source

@@ -10,7 +10,8 @@ from drivetool.check.validation import remarks
 from drivetool.check.validation.result import ValidateOptions, Validation
 from drivetool.check.validation.sections import CheckSection
 from drivetool.drive import Drive
-from drivetool.errors import BadOption, Finding, NotEnoughData
+from drivetool.errors import BadOption, NotEnoughData
+from drivetool.finding import Finding
 from drivetool.identify.estimate import PlotData, fit_text
 from drivetool.identify.inverse import regression_of
 from drivetool.identify.motion import check_no_signal_path, torque_fit, torque_picture

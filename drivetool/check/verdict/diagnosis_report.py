@@ -25,7 +25,8 @@ from drivetool.check.verdict.size import sizes_of
 from drivetool.check.verdict.view import view_of
 from drivetool.check.verdict.which_body import unidentified_body_findings
 from drivetool.drive import Drive
-from drivetool.errors import DriveToolError, Finding
+from drivetool.errors import DriveToolError
+from drivetool.finding import Finding
 from drivetool.identify.estimate import Estimate, PlotData
 from drivetool.identify.identifiability import uncrossed_gaps, with_lower_limit_only
 from drivetool.identify.noise import (

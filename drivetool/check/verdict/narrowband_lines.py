@@ -11,7 +11,7 @@ from scipy.signal import find_peaks
 from scipy.stats import chi2
 
 from drivetool.check.fit import Model
-from drivetool.errors import Finding
+from drivetool.finding import Finding
 from drivetool.identify.noise import filtered
 
 # Samples of a spectrum at most. A choice: longer pieces resolve closer lines, shorter ones leave more to average.

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 from drivetool.check.causes import CAUSES
 from drivetool.check.fit import FIT_ERRORS, Masks, Model, all_samples, fit, transferred_point
 from drivetool.check.starts import gear_ratio
-from drivetool.errors import Finding
+from drivetool.finding import Finding
 from drivetool.quantity import names_of, owner_of
 
 if TYPE_CHECKING:

@@ -11,9 +11,10 @@ from typing import TYPE_CHECKING, Any
 
 from drivetool.cli.options.job import Job, Opened
 from drivetool.cli.options.units_of import units_of
-from drivetool.errors import BadOption, BadParameters, DriveToolError, Finding, nearest
+from drivetool.errors import BadOption, BadParameters, DriveToolError, nearest
 from drivetool.files.disk import check_folder, check_target
 from drivetool.files.yaml import units
+from drivetool.finding import Finding
 from drivetool.logs import ROLES
 
 if TYPE_CHECKING:

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import TYPE_CHECKING
 
-from drivetool.errors import Finding
+from drivetool.finding import Finding
 
 if TYPE_CHECKING:
     from drivetool.check.validation import CheckSection, ValidateOptions, Validation

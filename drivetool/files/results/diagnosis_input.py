@@ -6,8 +6,9 @@ from collections.abc import Sequence
 
 from drivetool.check.outcome import Diagnosis
 from drivetool.drive import Drive
-from drivetool.errors import BadOption, BadParameters, Finding
+from drivetool.errors import BadOption, BadParameters
 from drivetool.files.yaml import Loaded
+from drivetool.finding import Finding
 from drivetool.finding_codes import SHIFTED
 from drivetool.logs import Experiment
 

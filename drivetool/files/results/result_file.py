@@ -12,9 +12,9 @@ import msgspec
 import drivetool
 from drivetool.check.validation import CheckSection, Validation
 from drivetool.drive import TOTALS, Drive, is_constant
-from drivetool.errors import Finding
 from drivetool.files.shapes import parameter_shapes as shapes
 from drivetool.files.yaml import to_json, to_plain, to_yaml, written
+from drivetool.finding import Finding
 from drivetool.finding_codes import DOUBTING
 from drivetool.identify.estimate import Covariance, Estimate, Parameter, StartsSection, derived_figures_of
 

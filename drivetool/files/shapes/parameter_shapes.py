@@ -8,7 +8,7 @@ from msgspec import UNSET, Meta, UnsetType
 
 from drivetool.check.outcome import GainSection, State, Verdict
 from drivetool.check.validation import CheckSection
-from drivetool.errors import FindingSection
+from drivetool.finding import FindingSection
 from drivetool.identify.estimate import DerivedSection, LawSection, ParameterSection, StartsSection
 from drivetool.results import Number, Shape
 

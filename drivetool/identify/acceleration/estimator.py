@@ -12,7 +12,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from drivetool.drive import TOTALS, Drive, one_body
-from drivetool.errors import BadOption, BadParameters, Finding
+from drivetool.errors import BadOption, BadParameters
+from drivetool.finding import Finding
 from drivetool.identify.acceleration.road_slope import (
     RECORDINGS_DIFFER_SIGNIFICANCE,
     fit_with_mean_torque,

@@ -9,7 +9,7 @@ import numpy as np
 from scipy import stats
 
 from drivetool.drive import Drive
-from drivetool.errors import Finding
+from drivetool.finding import Finding
 from drivetool.identify.estimate import Covariance, Estimate, line_of
 from drivetool.identify.greybox import greybox
 from drivetool.identify.setup import Options

@@ -13,7 +13,8 @@ from dataclasses import replace
 import numpy as np
 
 from drivetool.drive import TOTALS, Drive
-from drivetool.errors import BadOption, Finding
+from drivetool.errors import BadOption
+from drivetool.finding import Finding
 from drivetool.identify.channels import suspect_channel_findings, torque_timing
 from drivetool.identify.estimate import (
     Z95,

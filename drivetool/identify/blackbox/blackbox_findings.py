@@ -8,7 +8,7 @@ import numpy as np
 
 from drivetool.drive import Drive
 from drivetool.drive.simulation import Trace
-from drivetool.errors import Finding
+from drivetool.finding import Finding
 from drivetool.identify.blackbox.transfer import TransferForm
 from drivetool.identify.estimate import Parameter, PlotData, experiment_for
 from drivetool.identify.fit import free_run, opened_gap_findings, with_closed_gaps

@@ -9,7 +9,7 @@ from __future__ import annotations
 import numpy as np
 
 from drivetool.drive import Drive
-from drivetool.errors import Finding
+from drivetool.finding import Finding
 from drivetool.identify.setup import Task
 from drivetool.identify.starts import MAX_RELATIVE_STD, regressed_totals
 from drivetool.quantity import quantity_of

@@ -18,7 +18,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from drivetool.errors import Finding
+from drivetool.finding import Finding
 from drivetool.identify.noise import Fit, fit_innovations
 from drivetool.identify.setup import Outcome
 from drivetool.logs import Experiment

@@ -11,7 +11,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from drivetool.errors import Finding
+from drivetool.finding import Finding
 from drivetool.identify.noise import fit_innovations, refit_with_tight_tolerance
 from drivetool.identify.setup import Outcome, Task, has_gap
 from drivetool.logs.samples import STD_PER_MAD

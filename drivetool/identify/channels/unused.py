@@ -6,7 +6,7 @@ from collections.abc import Collection, Sequence
 
 from drivetool.drive import Drive
 from drivetool.drive.effects import VOLTAGES
-from drivetool.errors import Finding
+from drivetool.finding import Finding
 from drivetool.identify.setup import both_outputs, fed_by_voltages, roles_of, sensors_of
 from drivetool.logs import INPUTS, ROLES, Experiment, role_of
 

@@ -11,7 +11,7 @@ from scipy.stats import chi2
 
 from drivetool.drive import Drive
 from drivetool.drive.effects import steady_torque
-from drivetool.errors import Finding
+from drivetool.finding import Finding
 from drivetool.identify.coast_down.coast_down_fit import NO_PRIOR, SPEED_GROUPS, CoastDownFit, Run, fit
 from drivetool.identify.coast_down.laws import MISFIT_SIGNIFICANCE, AdditionalFrictionLaw
 from drivetool.identify.coast_down.stretches import Stretch, driving_input

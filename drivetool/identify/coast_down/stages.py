@@ -8,7 +8,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from drivetool.drive import Drive
-from drivetool.errors import BadOption, Finding, NotEnoughData
+from drivetool.errors import BadOption, NotEnoughData
+from drivetool.finding import Finding
 from drivetool.identify.coast_down.coast_down_fit import NO_PRIOR, CoastDownFit, Prior, Run, fit, run_of
 from drivetool.identify.coast_down.readings import COUNTS_AROUND
 from drivetool.identify.coast_down.report import coast_down_plots, fit_figures, ratio_lines

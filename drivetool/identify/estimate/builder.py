@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 from drivetool.drive import Drive
-from drivetool.errors import Finding
+from drivetool.finding import Finding
 from drivetool.identify.estimate.estimate import Covariance, Estimate, Parameter, PlotData
 from drivetool.identify.estimate.lines import with_intervals_only
 from drivetool.identify.estimate.percent import fit_percent

@@ -8,7 +8,7 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from drivetool.drive import Drive
-from drivetool.errors import Finding
+from drivetool.finding import Finding
 from drivetool.identify.estimate.sections import LawSection, ParameterSection, StartsSection, Status
 from drivetool.logs import Source
 from drivetool.results import Number

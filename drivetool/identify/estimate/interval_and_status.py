@@ -7,7 +7,7 @@ from collections.abc import Collection, Sequence
 import numpy as np
 
 from drivetool.drive import TOTALS, Drive
-from drivetool.errors import Finding
+from drivetool.finding import Finding
 from drivetool.identify.estimate.estimate import Z95, Covariance, Parameter
 from drivetool.identify.estimate.lines import line_of, whole_table, with_intervals_only
 from drivetool.identify.problem import Normal, Problem, Solution, blocked_by_bounds, schur

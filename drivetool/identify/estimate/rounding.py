@@ -11,7 +11,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from drivetool.drive.simulation import Trace
-from drivetool.errors import Finding
+from drivetool.finding import Finding
 from drivetool.logs import UNIT_TABLE
 
 SINGLE_EPS, DOUBLE_EPS = (float(np.finfo(kind).eps) for kind in (np.float32, np.float64))

@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from drivetool.drive import Assembly, Layout, in_contact
-from drivetool.errors import Finding
+from drivetool.finding import Finding
 from drivetool.identify.noise import Noise, filtered, fit_ratio
 from drivetool.identify.problem import Point
 from drivetool.identify.setup import Task, first_states, with_trial_values

@@ -12,7 +12,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from drivetool.drive import Drive
-from drivetool.errors import BadOption, Finding, NotEnoughData
+from drivetool.errors import BadOption, NotEnoughData
+from drivetool.finding import Finding
 from drivetool.identify.estimate import (
     Estimate,
     PlotData,

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from scipy.signal import find_peaks
 
-from drivetool.errors import Finding
+from drivetool.finding import Finding
 from drivetool.identify.estimate import PlotData
 from drivetool.identify.frequency.frf import Response
 from drivetool.identify.frequency.sections import PeakSection

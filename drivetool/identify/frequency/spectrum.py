@@ -7,7 +7,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from drivetool.errors import Finding
+from drivetool.finding import Finding
 from drivetool.identify.channels import Feedback
 from drivetool.identify.estimate import PlotData
 from drivetool.identify.frequency.frf import Response

@@ -13,7 +13,8 @@ from dataclasses import replace
 import numpy as np
 
 from drivetool.drive import TOTALS, Drive
-from drivetool.errors import BadOption, DriveToolError, Finding
+from drivetool.errors import BadOption, DriveToolError
+from drivetool.finding import Finding
 from drivetool.identify.channels import feedback_in, suspect_channel_findings, torque_timing, without_outliers
 from drivetool.identify.estimate import Estimate, fit_percent
 from drivetool.identify.fit import (

@@ -4,7 +4,8 @@ from __future__ import annotations
 
 from dataclasses import replace
 
-from drivetool.errors import DriveToolError, Finding
+from drivetool.errors import DriveToolError
+from drivetool.finding import Finding
 from drivetool.identify.fit import fit_with_friction_split, looks_coloured
 from drivetool.identify.setup import Options, Outcome, Task
 from drivetool.quantity import names_of

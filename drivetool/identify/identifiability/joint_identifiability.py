@@ -8,7 +8,7 @@ from dataclasses import replace
 import numpy as np
 
 from drivetool.drive import TOTALS, Drive, is_constant
-from drivetool.errors import Finding
+from drivetool.finding import Finding
 from drivetool.identify.estimate import Covariance, Parameter
 from drivetool.identify.problem import schur
 from drivetool.identify.setup import Outcome, Task, reverses

@@ -15,7 +15,7 @@ from dataclasses import replace
 import numpy as np
 
 from drivetool.drive import TOTALS, Drive
-from drivetool.errors import Finding
+from drivetool.finding import Finding
 from drivetool.identify.estimate import Covariance, Estimate
 from drivetool.identify.fit import by_innovations
 from drivetool.identify.setup import Options, Outcome, Roles, Task

@@ -6,7 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from drivetool.errors import Finding
+from drivetool.finding import Finding
 from drivetool.identify.estimate import Estimate, Parameter, covariance_of, without_not_identifiable_findings
 from drivetool.identify.fit import refit
 from drivetool.identify.noise import filtered, minus_log_likelihood

@@ -9,7 +9,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import replace
 
-from drivetool.errors import Finding
+from drivetool.finding import Finding
 from drivetool.identify.estimate import Estimate, without_intervals, without_not_identifiable_findings
 from drivetool.identify.noise import Fit, fit_innovations
 from drivetool.identify.setup import Outcome, first_point, has_gap

@@ -11,7 +11,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from drivetool.drive import TOTALS, Drive
-from drivetool.errors import BadOption, Finding
+from drivetool.errors import BadOption
+from drivetool.finding import Finding
 from drivetool.identify.channels import feedback_in
 from drivetool.identify.estimate import (
     Z95,

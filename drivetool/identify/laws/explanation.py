@@ -11,7 +11,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from drivetool.errors import Finding
+from drivetool.finding import Finding
 from drivetool.identify.estimate import Z95, Z95_ONE_SIDED, Covariance, FoundLaw, Parameter
 from drivetool.identify.fit import with_coloured_noise
 from drivetool.identify.laws.candidates import Candidate, CandidateSet, candidates_of, why_single_candidate

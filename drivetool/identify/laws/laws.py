@@ -11,7 +11,7 @@ from typing import Literal
 
 import numpy as np
 
-from drivetool.errors import Finding
+from drivetool.finding import Finding
 from drivetool.identify.estimate import FoundLaw
 from drivetool.identify.motion import Motion, Motions
 from drivetool.logs import Experiment

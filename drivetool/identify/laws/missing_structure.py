@@ -11,7 +11,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from drivetool.drive import Drive
-from drivetool.errors import Finding
+from drivetool.finding import Finding
 from drivetool.identify.estimate import Estimate
 from drivetool.identify.fit import by_noise_continuation, looks_coloured, shaft_torque_row, with_coloured_noise
 from drivetool.identify.identifiability import without_shaft_intervals

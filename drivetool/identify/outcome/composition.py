@@ -11,7 +11,7 @@ import numpy as np
 
 from drivetool.drive import TOTALS, Drive
 from drivetool.drive.simulation import Trace
-from drivetool.errors import Finding
+from drivetool.finding import Finding
 from drivetool.identify.estimate import (
     Covariance,
     Estimate,

@@ -13,7 +13,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from drivetool.drive import Drive
-from drivetool.errors import Finding
+from drivetool.finding import Finding
 from drivetool.identify.estimate import MAX_INFLATION, Covariance, Parameter
 from drivetool.identify.laws import sandwich_covariance, scores_of, with_standard_deviations
 from drivetool.identify.noise import fit_innovations, fit_ratio

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from drivetool.drive import Drive
-from drivetool.errors import Finding
+from drivetool.finding import Finding
 from drivetool.identify.estimate import Parameter, PlotData, line_of
 from drivetool.identify.plateaus.intervals import speed_of
 from drivetool.identify.plateaus.line import FrictionLine

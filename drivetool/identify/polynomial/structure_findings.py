@@ -7,7 +7,8 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 
 from drivetool.drive import Drive
-from drivetool.errors import Finding, NotEnoughData
+from drivetool.errors import NotEnoughData
+from drivetool.finding import Finding
 from drivetool.identify.channels import feedback_of
 from drivetool.identify.frequency import MIN_COHERENCE, Welch, welch_response
 from drivetool.identify.polynomial.data import PolynomialData

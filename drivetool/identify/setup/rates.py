@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
-from drivetool.errors import Finding
+from drivetool.finding import Finding
 from drivetool.identify.setup.options import Options
 from drivetool.logs import Experiment, parts_at_all_rates
 

@@ -12,7 +12,8 @@ import numpy as np
 
 from drivetool.drive import TOTALS, Assembly, Drive, Layout
 from drivetool.drive.simulation import Plant, Trace
-from drivetool.errors import BadOption, Finding, nearest
+from drivetool.errors import BadOption, nearest
+from drivetool.finding import Finding
 from drivetool.identify.estimate import inverted
 from drivetool.identify.noise import Noise, filtered_normal_equations
 from drivetool.identify.problem import Point, Problem

@@ -9,7 +9,8 @@ import numpy as np
 
 from drivetool.drive import Drive, by_converter, by_phases, vector_frequency, vector_of_converter, vector_of_phases
 from drivetool.drive.effects import VOLTAGES
-from drivetool.errors import BadRecording, Finding
+from drivetool.errors import BadRecording
+from drivetool.finding import Finding
 from drivetool.logs import Experiment
 from drivetool.logs.conditioning import read_only
 from drivetool.quantity import name_of

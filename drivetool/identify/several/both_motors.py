@@ -7,7 +7,8 @@ from collections.abc import Sequence
 import numpy as np
 from scipy.stats import chi2, norm
 
-from drivetool.errors import BadParameters, Finding
+from drivetool.errors import BadParameters
+from drivetool.finding import Finding
 from drivetool.identify.estimate import PlotData
 from drivetool.identify.several.both_sides import (
     MIN_SIGNIFICANT_RATIO,

@@ -12,7 +12,8 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from drivetool.drive import Drive
-from drivetool.errors import BadOption, DriveToolError, Finding, NotEnoughData
+from drivetool.errors import BadOption, DriveToolError, NotEnoughData
+from drivetool.finding import Finding
 from drivetool.identify.channels import torque_timing
 from drivetool.identify.estimate import Estimate, Parameter, PlotData, fit_percent, parameters_of
 from drivetool.identify.fit import by_innovations, by_simulation, free_run, with_totals

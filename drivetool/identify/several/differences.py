@@ -8,7 +8,7 @@ from itertools import combinations
 import numpy as np
 from scipy.stats import norm
 
-from drivetool.errors import Finding
+from drivetool.finding import Finding
 from drivetool.identify.outcome import mean_of, p_value_of_equality
 from drivetool.identify.several.sections import DifferenceSection
 

@@ -14,7 +14,8 @@ from typing import get_args
 import numpy as np
 
 from drivetool.drive import DampingLaw, is_constant
-from drivetool.errors import DriveToolError, Finding
+from drivetool.errors import DriveToolError
+from drivetool.finding import Finding
 from drivetool.identify.noise import (
     MAX_REPEATED_FITS,
     Noise,

@@ -12,7 +12,7 @@ from dataclasses import replace
 import numpy as np
 
 from drivetool.drive import TOTALS, Drive
-from drivetool.errors import Finding
+from drivetool.finding import Finding
 from drivetool.identify.estimate import Covariance, Estimate, Parameter, covariance_of
 from drivetool.identify.fit import (
     MAX_PART_STD_SHARE,

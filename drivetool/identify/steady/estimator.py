@@ -8,7 +8,8 @@ from dataclasses import replace
 import numpy as np
 
 from drivetool.drive import Drive
-from drivetool.errors import BadOption, Finding, NotEnoughData
+from drivetool.errors import BadOption, NotEnoughData
+from drivetool.finding import Finding
 from drivetool.identify.coast_down import Stretch, find_coast_downs
 from drivetool.identify.estimate import Covariance, Estimate, Parameter, estimate_from_fit, held_line, in_order
 from drivetool.identify.plateaus import (

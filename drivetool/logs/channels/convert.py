@@ -7,7 +7,8 @@ from dataclasses import replace
 
 import numpy as np
 
-from drivetool.errors import BadRecording, Finding
+from drivetool.errors import BadRecording
+from drivetool.finding import Finding
 from drivetool.logs import (
     COUNTS,
     MOTOR_TORQUES,

@@ -6,7 +6,8 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from drivetool.errors import BadRecording, Finding
+from drivetool.errors import BadRecording
+from drivetool.finding import Finding
 from drivetool.logs import median_step
 from drivetool.logs.clocks.batched_times import refuse_batches
 from drivetool.logs.clocks.coarse_clock import restore_uniform_times

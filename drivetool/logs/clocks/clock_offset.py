@@ -7,7 +7,7 @@ from itertools import combinations
 
 import numpy as np
 
-from drivetool.errors import Finding
+from drivetool.finding import Finding
 from drivetool.logs import Signal, is_motion, median_step, quantity
 from drivetool.logs.samples import MIN_LAG_LIKELIHOOD_GAIN, nearest_peak
 

@@ -7,7 +7,8 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from drivetool.errors import BadRecording, Finding, NotEnoughData
+from drivetool.errors import BadRecording, NotEnoughData
+from drivetool.finding import Finding
 from drivetool.logs import (
     INPUTS,
     JITTER_TOLERANCE,

@@ -9,7 +9,8 @@ from itertools import pairwise
 
 import numpy as np
 
-from drivetool.errors import BadOption, Finding, NotEnoughData
+from drivetool.errors import BadOption, NotEnoughData
+from drivetool.finding import Finding
 from drivetool.logs import INPUTS, MIN_SAMPLES, Signal, usual_step
 from drivetool.logs.conditioning.steps import ConditioningStep
 

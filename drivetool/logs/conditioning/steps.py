@@ -21,7 +21,8 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from drivetool.errors import BadOption, Finding, NotEnoughData, nearest
+from drivetool.errors import BadOption, NotEnoughData, nearest
+from drivetool.finding import Finding
 from drivetool.logs import INPUTS, MIN_SAMPLES, ROLES, Experiment, ordered_roles, role_of
 from drivetool.logs.samples import differentiate, low_pass, remove_spikes
 

@@ -8,7 +8,8 @@ from pathlib import Path
 
 import numpy as np
 
-from drivetool.errors import BadRecording, Finding, NotEnoughData
+from drivetool.errors import BadRecording, NotEnoughData
+from drivetool.finding import Finding
 from drivetool.logs import INPUTS, MIN_SAMPLES, Experiment, Recording, is_motion, quantity, true_runs
 from drivetool.logs.channels import ChannelMap, choose_channels, shared_units, to_signals
 from drivetool.logs.clocks import CleanSignals, Rate, at_rate, clean_signals, find_rates, leader_of, onto_grid

@@ -8,7 +8,8 @@ from typing import Any
 
 import numpy as np
 
-from drivetool.errors import BadRecording, DriveToolError, Finding
+from drivetool.errors import BadRecording, DriveToolError
+from drivetool.finding import Finding
 from drivetool.logs import ROLES, Channel, Experiment, Recording, fit_grid, median_step
 from drivetool.logs.channels import ChannelMap, RoleEntry, resolve_channel
 from drivetool.logs.clocks import MAX_ABS_TIME, clean_clock, find_rates

@@ -6,7 +6,7 @@ from collections.abc import Mapping, Sequence
 
 import numpy as np
 
-from drivetool.errors import Finding
+from drivetool.finding import Finding
 from drivetool.logs.samples.spikes import quantisation_step
 
 # Samples without a gap. A choice: fewer give Welch densities of too few segments; more take longer for the same.

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from drivetool.errors import Finding
+from drivetool.finding import Finding
 from drivetool.logs import true_runs
 
 SCALE_TOLERANCE = 0.02  # a choice: rounded gear ratios and rated values differ by less, wrong units by far more

@@ -11,7 +11,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from drivetool.errors import Finding
+from drivetool.finding import Finding
 from drivetool.logs import INPUTS, Experiment, Signal, median_step, quantity, true_runs
 from drivetool.logs.samples.spikes import STD_PER_MAD, hold_count, quantisation_step, remove_spikes, running_median
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from drivetool.errors import Finding
+from drivetool.finding import Finding
 
 # A step of half the range is ambiguous in direction; a choice: from this share of the range on it is uncertain.
 MAX_SURE_STEP = 0.4

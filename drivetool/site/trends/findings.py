@@ -6,9 +6,9 @@ from collections import Counter
 from collections.abc import Mapping, Sequence
 from typing import Any
 
-from drivetool.errors import Finding
 from drivetool.files.shapes import trend_shapes as shapes
 from drivetool.files.yaml import first_of
+from drivetool.finding import Finding
 from drivetool.logs.formats import Row
 from drivetool.site.trends.alarm import DEFAULT_ALARM_RATIO
 from drivetool.site.trends.change_points import MIN_SERIES_LENGTH

@@ -6,10 +6,10 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
-from drivetool.errors import Finding
 from drivetool.files.results import Inputs, file_sections, finding_sections, tool_section
 from drivetool.files.shapes import trend_shapes as shapes
 from drivetool.files.yaml import counted_noun, to_plain, written
+from drivetool.finding import Finding
 from drivetool.logs import display_name
 from drivetool.logs.formats import file_sha256
 from drivetool.site.trends.trend import Trend

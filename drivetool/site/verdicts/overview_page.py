@@ -9,8 +9,8 @@ from pathlib import Path
 from typing import Any
 from urllib.parse import quote
 
-from drivetool.errors import Finding
 from drivetool.files.pages import rendered
+from drivetool.finding import Finding
 from drivetool.logs.formats.tables import natural_order
 from drivetool.site.results import FIT_FIGURE, Entry
 from drivetool.site.verdicts.cases import Case

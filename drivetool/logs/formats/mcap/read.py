@@ -9,7 +9,8 @@ from pathlib import Path
 
 import numpy as np
 
-from drivetool.errors import BadRecording, Finding
+from drivetool.errors import BadRecording
+from drivetool.finding import Finding
 from drivetool.logs import Channel, Recording, display_name
 from drivetool.logs.channels import ChannelMap, Choose, TimeEntry, field_path, resolve_channel
 from drivetool.logs.clocks import find_batches

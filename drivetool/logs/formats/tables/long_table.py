@@ -6,7 +6,8 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from drivetool.errors import BadRecording, Finding
+from drivetool.errors import BadRecording
+from drivetool.finding import Finding
 from drivetool.logs import Channel, Recording
 from drivetool.logs.channels import ChannelMap, Choose
 from drivetool.logs.formats.tables.columns import column_numbers

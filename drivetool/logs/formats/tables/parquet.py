@@ -11,7 +11,8 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from drivetool.errors import BadRecording, Finding
+from drivetool.errors import BadRecording
+from drivetool.finding import Finding
 from drivetool.logs import ROLES, Channel, Recording, display_name
 from drivetool.logs.channels import ChannelMap, Choose, TimeEntry, resolve_channel
 from drivetool.logs.formats.tables.columns import column_numbers, column_path, flat_names, unit_of
