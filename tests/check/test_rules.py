@@ -3,16 +3,16 @@
 from __future__ import annotations
 
 import re
-from dataclasses import fields, replace
 from types import SimpleNamespace
 
 import pytest
+from msgspec.structs import replace
 
 from drivetool.check.fit.residual_tests import ResidualTests
 from drivetool.check.outcome.diagnosis import OUTSIDE_CATALOGUE, CandidateResult, Facts, Round
 from drivetool.check.search.result import SelectedCauses
 from drivetool.check.verdict import facts as gathering
-from drivetool.check.verdict.facts import FACTS, facts_of
+from drivetool.check.verdict.facts import facts_of
 from drivetool.check.verdict.rules import (
     LOAD_BY_SPEED_TEXT,
     RULES,
@@ -20,6 +20,7 @@ from drivetool.check.verdict.rules import (
     WEAK_SUPPORT_TEXT,
     apply_rules,
 )
+from drivetool.files.shapes.schema import schema_of
 from tests.diagnosed import gain as made_gain
 
 CLEAR = Facts(causes=("backlash",), strongest="backlash", gained=300.0, before=1.0, after=0.3, scatter=0.05,
@@ -132,8 +133,8 @@ def test_without_a_rule_the_next_decides():
 
 
 def test_facts_are_those_that_the_table_and_the_pages_name():
-    names = [f.name for f in fields(Facts)]
-    assert list(FACTS) == names == list(NONE.plain())
+    names = Facts.__struct_fields__
+    assert all("description" in of for of in schema_of(Facts)["$defs"]["Facts"]["properties"].values())
     rules = {r.name for r in RULES}
     said = {word for r in RULES for word in re.findall(r"`([^`]+)`", r.when)}
     assert said <= {*names, *rules}
@@ -146,11 +147,12 @@ def test_facts_are_those_that_the_table_and_the_pages_name():
 def search_with(code, gain=300.0, left=0.0, time=0.0, sure=True, free=(), later_confirmed=()):
     """A search that found one cause in one round, and its residuals; later_confirmed: by blocks."""
     found = SelectedCauses((code,), {}, {code: 50.0}, {code: ("x",)}, gain, frozenset(later_confirmed))
-    line = CandidateResult(code, "", "named", gain, 0.2 * gain, 50.0, sure=sure)
+    line = CandidateResult(code, "named", gain=gain, gain_std=0.2 * gain, evidence=50.0, sure=sure)
     return SimpleNamespace(
         unasked="", faults=[SimpleNamespace(code="outliers", shaft=False)] * 2, found=found,
         left=ResidualTests(left, 0.0, 0.0, time),
-        rounds=[Round(code, (line,))], trained=(), folds=(), change=None, first=SimpleNamespace(model=None),
+        rounds=[Round(1, code, candidates=(line,))], trained=(), folds=(), change=None,
+        first=SimpleNamespace(model=None),
         model=SimpleNamespace(task=SimpleNamespace(free=free)))
 
 

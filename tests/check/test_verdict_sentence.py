@@ -91,8 +91,8 @@ def test_the_base_has_a_cause_if_its_size_is_significant(size, had):
         return Parameter(name=name, value=value, unit="Nm", start=value, std=std, ci95=None, status="fitted")
 
     estimate = SimpleNamespace(parameters=(line("motor.coulomb", size, 1e-4), line("load.coulomb", 0.2, 1e-3)))
-    tried = [CandidateResult(code, "", "in-the-model") for code in ("coulomb-motor", "torque-offset")]
-    assert causes_in_base([Round(None, tuple(tried))], estimate) == had
+    tried = [CandidateResult(code, "in-the-model") for code in ("coulomb-motor", "torque-offset")]
+    assert causes_in_base([Round(1, candidates=tuple(tried))], estimate) == had
 
 
 def test_a_channel_is_to_be_mended_not_recorded_again():

@@ -87,10 +87,9 @@ class Expansion:
     child: Node | None = None
     stage: Gain | None = None
 
-    @property
-    def round(self) -> Round:
+    def round(self, number: int) -> Round:
         """As it is reported."""
-        return Round(self.child.causes[-1] if self.child else None, self.lines, self.stage)
+        return Round(number, self.child.causes[-1] if self.child else None, candidates=self.lines, gain=self.stage)
 
 
 class ForwardSelection:

@@ -11,7 +11,7 @@ from collections.abc import Mapping, Sequence
 
 import numpy as np
 
-from drivetool.check.outcome import CandidateResult, Round
+from drivetool.check.outcome import Round
 from drivetool.check.verdict.reversals import reversal_plots, reversals_of
 from drivetool.check.verdict.view import View
 from drivetool.identify.estimate import PlotData
@@ -56,7 +56,7 @@ def diagnosis_plots(views: Sequence[View], inertia: float, rounds: Sequence[Roun
 
 def candidate_plots(rounds: Sequence[Round]) -> tuple[PlotData, ...]:
     """The fitted candidates, a plot per round that has some."""
-    found = (_candidate_plot(n, one.candidates) for n, one in enumerate(rounds, 1))
+    found = map(_candidate_plot, rounds)
     return tuple(each for each in found if each.curves)
 
 
@@ -250,10 +250,10 @@ def _sample_interval(view: View) -> float:
     return float(np.median(np.diff(view.time)))
 
 
-def _candidate_plot(number: int, candidates: Sequence[CandidateResult]) -> PlotData:
+def _candidate_plot(one: Round) -> PlotData:
     """Held-out gain with its standard error; one curve (gain, std) per candidate that was fitted."""
-    fitted = sorted((c for c in candidates if c.gain is not None), key=lambda c: -c.gain)
+    fitted = sorted((c for c in one.candidates if c.gain is not None), key=lambda c: -c.gain)
     return PlotData(
-        "diagnosis-candidates", f"Round {number}: held-out gain of each cause", "log likelihood gained on "
+        "diagnosis-candidates", f"Round {one.round}: held-out gain of each cause", "log likelihood gained on "
         "data held out", "", {f"{c.code}: {c.state}": (
             np.array([c.gain]), np.array([c.gain_std if c.gain_std is not None else np.nan])) for c in fitted})
