@@ -79,7 +79,7 @@ def test_a_cause_that_ran_away_has_a_line_without_values(monkeypatch):
     found = score(200.0)
     found.model.value, found.model.problem = 100.0, SimpleNamespace(traces=(SimpleNamespace(step=1e-3, record=1),))
     found.model.task.drive = SimpleNamespace(values={})
-    base = SimpleNamespace(value=300.0, problem=found.model.problem)
+    base = SimpleNamespace(value=300.0, problem=found.model.problem, task=found.model.task)
     tried = CandidateFit(CAUSES[found.model.code], found.model, {})
     (line,) = candidate_report.candidate_results([tried], [found], decide([found], 0.01), base, 0.0, {})
     assert (line.state, line.parameters) == ("named", ()) and line.gain == found.gain

@@ -227,7 +227,7 @@ def test_node_after_node_until_nothing_more_is_found(monkeypatch, found, options
     monkeypatch.setattr(searching, "exact_to_rounding", lambda _: False)
     search = Steps(found, **options)
     path, said = search.path()
-    assert [e.round.cause for e in path] == causes and said == not_requested
+    assert [e.round(1).cause for e in path] == causes and said == not_requested
     assert [e.stage for e in path] == ["gain" if c else None for c in causes]
     assert search.budgets == [0.01 * 0.5 ** (k + 1) for k in range(len(path))]
 
@@ -235,7 +235,7 @@ def test_node_after_node_until_nothing_more_is_found(monkeypatch, found, options
 def test_a_path_that_goes_on_from_a_cause_has_what_that_left_of_budget_and_rounds():
     search = Steps(["backlash", "imbalance", "load-step", "hardening-stiffness"])
     path, _ = search.path(replace(ROOT, causes=("backlash",)))
-    assert [e.round.cause for e in path] == ["imbalance", "load-step", None]
+    assert [e.round(1).cause for e in path] == ["imbalance", "load-step", None]
     assert search.budgets == [0.01 * 0.5 ** (k + 1) for k in (1, 2, 3)]
 
 
@@ -246,7 +246,7 @@ def test_the_search_restarts_from_a_base_that_ends_likelier_elsewhere(monkeypatc
     search = Steps(["backlash", "imbalance", None])
     search.better = {depth: -50.0}
     path, _ = search.path()
-    assert [e.node.model.value for e in path][depth] == -50.0 and [e.round.cause for e in path] == [
+    assert [e.node.model.value for e in path][depth] == -50.0 and [e.round(1).cause for e in path] == [
         "backlash", "imbalance", None]
     assert (search.root.model.value == -50.0) == (depth == 0)
     assert depth == 0 or path[0].child is path[1].node
@@ -335,7 +335,7 @@ def test_breakaway_friction_that_fades_by_another_power_is_one_cause(power):
         stribeck=(0.15,), stribeck_speed=(3.0,), stribeck_power=(power,)))
     search = one_body_search(machine, ("stribeck-motor", "quadratic-drag"), size=6000)
     path, _ = search.path()
-    assert [e.round.cause for e in path] == ["stribeck-motor", None]
+    assert [e.round(1).cause for e in path] == ["stribeck-motor", None]
     model = path[0].child.model
     values = model.fitted.drive.values
     assert ("motor.stribeck_power" in model.task.free) == (power != 2.0)
@@ -346,7 +346,7 @@ def test_breakaway_friction_that_fades_by_another_power_is_one_cause(power):
 @pytest.mark.slow
 def test_nothing_is_found_where_nothing_is_missing():
     path, _ = one_body_search(BODY, FRICTION).path()
-    assert [e.round.cause for e in path] == [None]
+    assert [e.round(1).cause for e in path] == [None]
 
 
 @pytest.mark.slow

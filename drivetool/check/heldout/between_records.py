@@ -12,6 +12,7 @@ from drivetool.check.fit import (
     Model,
     fit,
     linear_step,
+    on_task,
     over_traces,
     run_residual_tests,
     with_likeliest_noise,
@@ -19,8 +20,7 @@ from drivetool.check.fit import (
 from drivetool.check.heldout.scores import REFIT_ITERATIONS, Fold
 from drivetool.errors import Finding
 from drivetool.identify.noise import filtered_normal_equations
-from drivetool.identify.problem import Point, schur
-from drivetool.identify.setup import problem_of
+from drivetool.identify.problem import schur
 
 # Log likelihood of other values, besides one per free parameter. A choice: so clear that no inexact law
 # explains it.
@@ -126,11 +126,7 @@ def _change(held: Model, masks: list[np.ndarray], fitted: Model) -> Change | Non
 
 def _with_free(best: Model, held: Model, names: Sequence[str]) -> Model:
     """The best model so far with these parameters free, the others at the fitted values."""
-    task = replace(best.fitted, free=tuple(n for n in held.task.free if n in names))
-    problem = problem_of(task.drive, task.free, task.roles, held.problem.traces)
-    values = np.array([task.drive.value(n) for n in task.free])
-    point = Point(values, best.point.starts)
-    return replace(best, task=task, problem=problem, point=point)
+    return on_task(best, replace(best.fitted, free=tuple(n for n in held.task.free if n in names)))
 
 
 def _best_candidates(best: Model, held: Model, changed: Sequence[str]) -> list[str]:

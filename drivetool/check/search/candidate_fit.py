@@ -18,6 +18,7 @@ from drivetool.check.fit import (
     Model,
     added_parameters,
     fit,
+    on_task,
     third_mass_of,
     transferred_point,
 )
@@ -33,7 +34,7 @@ from drivetool.check.search.prepared_start import (
     with_cause_bounds,
 )
 from drivetool.identify.laws import third_mass_names
-from drivetool.identify.setup import Task, problem_of
+from drivetool.identify.setup import Task
 from drivetool.quantity import quantity_of, with_parts
 
 # A choice: one start may end in a worse optimum, each further one costs a full fit.
@@ -181,9 +182,7 @@ def _select_ends(ends: Sequence[Model], base: Model, multimodal: bool) -> list[M
 
 def refitted(model: Model, task: Task, base: Model, masks: Masks, most: int = MAX_FIT_ITERATIONS) -> Model:
     """A cause fitted with other parameters free, from its own estimate; base: lacks it, most: iterations."""
-    problem = with_cause_bounds(problem_of(task.drive, task.free, task.roles, model.problem.traces), base, task)
-    return fit(replace(model, task=task, problem=problem, point=transferred_point(model, task, problem)), masks,
-               max_iterations=most)
+    return fit(with_cause_bounds(on_task(model, task), base), masks, max_iterations=most)
 
 
 def as_special_case(simple: CandidateFit, general: CandidateFit, base: Model, masks: Masks) -> CandidateFit:

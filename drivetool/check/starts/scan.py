@@ -14,8 +14,7 @@ from drivetool.check.fit import (
     gauss_newton_iterations,
     masked_loss,
     may_have_third_mass,
-    transferred_point,
-    unfitted,
+    on_task,
     with_end_mass,
     with_intermediate_mass,
     with_large_end_mass,
@@ -24,7 +23,7 @@ from drivetool.drive import state_space
 from drivetool.identify.backlash import local_minima
 from drivetool.identify.laws import third_mass_names, third_mass_score_test
 from drivetool.identify.noise import Noise, filtered
-from drivetool.identify.setup import Task, problem_of
+from drivetool.identify.setup import Task
 
 # Frequencies over that of the first resonance. A choice: a third mass far below or above is not identifiable.
 THIRD_MASS_FREQUENCY_RATIOS = np.geomspace(0.4, 8.0, 14)
@@ -102,12 +101,9 @@ def _after_steps(base: Model, tasks: Sequence[Task]) -> list[Task]:
     """The tasks that are likeliest after a few steps, with the values reached."""
     found = []
     for task in tasks:
-        problem = problem_of(task.drive, task.free, task.roles, base.problem.traces)
+        start = on_task(base, task)
         try:
-            model = gauss_newton_iterations(unfitted(base.code, task, problem,
-                                                     transferred_point(base, task, problem),
-                                                     base.noise),
-                                            all_samples(base.problem), COMPARISON_STEPS)
+            model = gauss_newton_iterations(start, all_samples(base.problem), COMPARISON_STEPS)
         except FIT_ERRORS:
             continue
         found.append((model.value, len(found), model.fitted))
@@ -116,10 +112,10 @@ def _after_steps(base: Model, tasks: Sequence[Task]) -> list[Task]:
 
 def _linear_growth(base: Model, task: Task) -> tuple[float, float]:
     """(log likelihood over the base after a linear step, relative growth of the third mass in it)."""
-    problem = problem_of(task.drive, task.free, task.roles, base.problem.traces)
-    point = transferred_point(base, task, problem)
-    gain, growth = third_mass_score_test(problem, point, base.noise, third_mass_names(base.task.drive))
-    return gain - masked_loss(problem, point, base.noise, all_samples(problem)), growth
+    split = on_task(base, task)
+    at = split.problem, split.point, base.noise
+    gain, growth = third_mass_score_test(*at, third_mass_names(base.task.drive))
+    return gain - masked_loss(*at, all_samples(split.problem)), growth
 
 
 def likely_orders(base: Model) -> list[float]:
