@@ -13,7 +13,6 @@ from drivetool.check.fit.model import Model
 from drivetool.check.search import candidate_fit as attempting
 from drivetool.check.search.candidate_fit import (
     CandidateFit,
-    Screened,
     _select_ends,
     attempt,
     screened_for_significance,
@@ -65,7 +64,7 @@ def start(name, promise, code="quadratic-drag", owner="motor"):
 
 
 def screened(*starts, code="quadratic-drag"):
-    return Screened(CAUSES[code], starts, {})
+    return CandidateFit(CAUSES[code], prepared_starts=starts)
 
 
 BASE = Model("base", SimpleNamespace(drive=two_mass(), free=()), None, None, None, 0.0)

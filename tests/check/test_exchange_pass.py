@@ -56,7 +56,7 @@ class Path:
         lines = lines or tuple(CandidateResult(
             c, "possible" if between else "named", gain=float(gains.sum()), gain_std=44.0)
             for c in decision.between)
-        self.steps.append(Expansion(before, (), tuple(scores), decision, lines, child, gain_to(0.5)))
+        self.steps.append(Expansion(before, tuple(scores), decision, lines, child, gain_to(0.5)))
         self.node = child
         return self
 
@@ -96,7 +96,7 @@ class Search:
                         sum(self.gains[c])) for c, m in models.items()]
         decision = decide(scores, budget)
         lines = tuple(CandidateResult(c, "named" if (c,) == decision.between else "worse") for c in models)
-        found = Expansion(rest, (), tuple(scores), decision, lines)
+        found = Expansion(rest, tuple(scores), decision, lines)
         if decision.best is None:
             return found
         code = decision.best.model.code

@@ -17,7 +17,7 @@ from drivetool.check.heldout.samples import split_of
 from drivetool.check.heldout.scores import Score
 from drivetool.check.outcome.diagnosis import DiagnoseOptions
 from drivetool.check.search import search as searching
-from drivetool.check.search.candidate_fit import CandidateFit, Screened
+from drivetool.check.search.candidate_fit import CandidateFit
 from drivetool.check.search.decision import Decision
 from drivetool.check.search.exchange_pass import run_exchange_pass
 from drivetool.check.search.run_search import search_causes
@@ -51,7 +51,8 @@ class Tries:
         monkeypatch.setattr(searching, "run_residual_tests", lambda _: SimpleNamespace(total=left))
 
     def screen(self, cause, *_):
-        return Screened(cause, (SimpleNamespace(expected_gain=self.causes[cause.code][0]),), {"x": 1.0})
+        return CandidateFit(cause, smallest={"x": 1.0}, prepared_starts=(
+            SimpleNamespace(expected_gain=self.causes[cause.code][0]),))
 
     def attempt(self, screened, base, masks, more=(), goal=np.inf):
         code = screened.cause.code
@@ -136,7 +137,7 @@ def cross_validated(monkeypatch, gains, worth):
     search.masks, search.split, search._folds = (), None, {id(ROOT.model): (ROOT.model, SimpleNamespace(
         model=ROOT.model, folds=()))}
     tried = [CandidateFit(CAUSES[c], model_of(c, -g), {}) for c, g in gains.items()]
-    tried.append(CandidateFit(CAUSES["imbalance"], model_of("imbalance", -9e3), {}, "none", "no-gain"))
+    tried.append(CandidateFit(CAUSES["imbalance"], model_of("imbalance", -9e3), {}, "no-gain", "none"))
     return tested, search._cross_validated(ROOT, tried)
 
 
@@ -213,7 +214,7 @@ class Steps(ForwardSelection):
         self.budgets.append(budget)
         code = self.found[len(node.causes)]
         child = None if code is None else replace(node, causes=(*node.causes, code))
-        return Expansion(node, (), (), Decision(None, (), 0.0), (), child, child and "gain")
+        return Expansion(node, (), Decision(None, (), 0.0), (), child, child and "gain")
 
 
 @pytest.mark.parametrize(("found", "options", "causes", "not_requested"), [
@@ -270,10 +271,10 @@ def test_a_cause_leads_a_base_out_of_its_local_optimum_where_that_is_likelier(mo
     search = ForwardSelection.__new__(ForwardSelection)
     search.root, search.masks = ROOT, ()
     child = replace(ROOT, causes=("backlash",), model=model_of("backlash", -90.0, (*ROOT.model.task.free, "gap")))
-    found = search._improved_base(ROOT, Expansion(ROOT, (), (), Decision(None, (), 0.0), (), child))
+    found = search._improved_base(ROOT, Expansion(ROOT, (), Decision(None, (), 0.0), (), child))
     assert removed == [("gap",)] and (found is not None) == better
     assert not better or (found.model.value, found.model.code, found.trained) == (value, "base", ("again",))
-    assert search._improved_base(ROOT, Expansion(ROOT, (), (), Decision(None, (), 0.0), ())) is None
+    assert search._improved_base(ROOT, Expansion(ROOT, (), Decision(None, (), 0.0), ())) is None
 
 
 def test_nothing_is_looked_for_where_free_runs_of_the_base_leave_rounding_alone(monkeypatch):

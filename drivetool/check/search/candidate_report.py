@@ -40,7 +40,7 @@ def candidate_results(candidates: Sequence[CandidateFit], scores: Sequence[Score
             lines.append(CandidateResult(code, state, law=law, smallest=sizes, reason=reason))
         else:
             lines.append(CandidateResult(
-                code, _tested_state(s, decision), law=law, gain=s.gain, gain_std=s.gain_std,
+                code, tested_state(s, decision), law=law, gain=s.gain, gain_std=s.gain_std,
                 evidence=total_evidence([s], gained) / float(np.log(10.0)), smallest=sizes,
                 parameters=fitted_parameters(s.model, base), reason=rejected.get(code) or _event_records(s.model),
                 sure=s.sure))
@@ -84,7 +84,8 @@ def _untested_state(t: CandidateFit, gain: float, largest_gain: float) -> tuple[
     return "no-gain", "it does not make the records it is fitted to more likely"
 
 
-def _tested_state(s: Score, decision: Decision) -> State:
+def tested_state(s: Score, decision: Decision) -> State:
+    """State of a cause that was tested on held-out data."""
     if s.model.code in decision.between:
         return "named" if len(decision.between) == 1 else "possible"
     return "worse" if s.gain > 0.0 else "no-gain"

@@ -89,5 +89,5 @@ def _forced_expansion(search: ForwardSelection, code: str, before: Expansion) ->
                           parameters=fitted_parameters(candidate.model, root.model), reason=JOINT_REASON)
     others = tuple(c.replace(state="worse") if c.state in ("named", "possible") else c
                    for c in before.lines if c.code != code)
-    return Expansion(root, (candidate,), (held_out_score,), Decision(held_out_score, (code,), 0.0), (own, *others),
-                     child, gain_between(base, held_out_score.trained, search.split))
+    return Expansion(root, (held_out_score,), Decision(held_out_score, (code,), 0.0), (own, *others), child,
+                     gain_between(base, held_out_score.trained, search.split))
