@@ -60,7 +60,7 @@ class Fits:
 def start(name, promise, code="quadratic-drag", owner="motor"):
     """A start by that name."""
     task = SimpleNamespace(drive=two_mass(), free=(f"{owner}.drag",))
-    return PreparedStart(CAUSES[code], Model(code, task, name, None, None, 0.0), promise, {})
+    return PreparedStart(Model(code, task, name, None, None, 0.0), promise, {})
 
 
 def screened(*starts, code="quadratic-drag"):

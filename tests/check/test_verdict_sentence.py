@@ -172,6 +172,6 @@ def test_the_size_of_a_cause_in_words(monkeypatch, code, lines, words):
     (3.9432, 3.9439, "3.9439 instead of 3.9432"), (1.0, 2.0, "2 instead of 1"),
     (0.01234, 0.01236, "0.01236 instead")])
 def test_values_of_two_records_have_as_many_digits_as_they_differ_in(before, after, words):
-    change = Change({"x": (before, after)}, 30.0, 30.0, True, ("a.parquet",))
+    change = Change({"x": (before, after)}, 30.0, True, ("a.parquet",))
     model = SimpleNamespace(task=SimpleNamespace(drive=SimpleNamespace(unit=lambda _: "Nm")))
     assert words in records_differ_text(change, model)

@@ -42,14 +42,13 @@ class Change:
 
     values     parameter -> (fitted value, value of the held-out records with the others fixed: without an interval,
                because part of the change may belong to those)
-    gained     log likelihood that these bring, of `possible` by all parameters
+    gained     log likelihood that these bring
     described  whether the drive describes the records with values of their own
     records    their names
     """
 
     values: dict[str, tuple[float, float]]
     gained: float
-    possible: float
     described: bool
     records: tuple[str, ...]
 
@@ -120,7 +119,7 @@ def _change(held: Model, masks: list[np.ndarray], fitted: Model) -> Change | Non
     values = {n: (held.task.drive.value(n), float(best.point.values[j]))
               for j, n in enumerate(best.task.free)}
     left = run_residual_tests(own)
-    return Change(values, held.value - best.value, possible, left.total < MAX_OWN_RESIDUAL,
+    return Change(values, held.value - best.value, left.total < MAX_OWN_RESIDUAL,
                   tuple(dict.fromkeys(t.name for t in held.problem.traces)))
 
 

@@ -30,14 +30,12 @@ def needed(cause: Cause) -> str:
 
 def needs_of(cause: Cause) -> str:
     """What a record must contain to identify a cause."""
-    effect = _effect(cause)
-    return cause.needs if effect is None else effect.needs
+    return (_effect(cause) or cause).needs
 
 
 def law_of(cause: Cause) -> str:
     """The equation of a cause."""
-    effect = _effect(cause)
-    return cause.law if effect is None else effect.law
+    return (_effect(cause) or cause).law
 
 
 def _effect(cause: Cause) -> Effect | None:

@@ -47,7 +47,6 @@ class PreparedStart:
     reference      number of its reference model
     """
 
-    cause: Cause
     model: Model
     expected_gain: float
     std: Mapping[str, float]
@@ -103,7 +102,7 @@ def prepare_start(reference: ReferenceModel, cause: Cause, start: Start, masks: 
     step, std, gain = linear_step(problem, normal, moves)
     expected_gain = own.value - value + log_gain(gain, problem) - reference.own_gain
     if not start.amplitudes:
-        return PreparedStart(cause, model, expected_gain if np.isfinite(expected_gain) else -np.inf, {})
+        return PreparedStart(model, expected_gain if np.isfinite(expected_gain) else -np.inf, {})
     amplitudes = np.array([n in start.amplitudes and cause.has(n) for n in task.free])
     std = np.where(amplitudes, amplitude_std(problem, normal, amplitudes, moves & ~amplitudes), std)
     values = model.point.values.copy()
@@ -112,7 +111,7 @@ def prepare_start(reference: ReferenceModel, cause: Cause, start: Start, masks: 
     if np.all(values[at] == problem.low[at]):
         expected_gain = 0.0
     whole = problem.moved(model.point, *marquardt_step(problem, model.point, normal, 1e-9, ~moves))
-    return PreparedStart(cause, replace(model, point=Point(values, model.point.starts)), expected_gain,
+    return PreparedStart(replace(model, point=Point(values, model.point.starts)), expected_gain,
                          {n: float(std[j]) for n, j in zip(start.amplitudes, at, strict=True)}, whole)
 
 

@@ -10,12 +10,12 @@ from drivetool.check.validation import remarks
 from drivetool.check.validation.correlation import Correlation, correlate, whiteness
 from drivetool.check.validation.freerun import drift_findings, noise_limit_findings
 from drivetool.check.validation.replay import Replay, replay, resonances, start_state_findings
-from drivetool.check.validation.result import ValidateOptions, Validation
+from drivetool.check.validation.result import ValidateOptions, Validation, named_pairs
 from drivetool.check.validation.sections import CheckSection
 from drivetool.drive import Drive
-from drivetool.errors import Finding, NotEnoughData
+from drivetool.errors import Finding
 from drivetool.identify.estimate import Covariance, PlotData, fit_percent, fit_text, only_rounding
-from drivetool.logs import Experiment, number_duplicates
+from drivetool.logs import Experiment
 
 SimulatedModel = tuple[str, Drive, Mapping[str, float]]
 
@@ -36,21 +36,16 @@ def validate(experiments: Sequence[Experiment], models: Sequence[SimulatedModel]
     source       fit: Ostring et al. 2003; residual against input: Ljung 1999, sec. 16.6, and
                  correlation.py
     """
-    if not experiments or not models:
-        raise NotEnoughData("at least one recording and one model", f"{len(experiments)} and {len(models)}",
-                            "Name a log file, and a parameter file after --params.")
+    files, named = named_pairs(experiments, [name for name, *_ in models], fitted_on)
     for _, drive, _ in models:
         drive.require(drive.missing(), "a simulation")
-    seen = [frozenset(hashes) for hashes in fitted_on] or [frozenset()] * len(models)
-    files, names = number_duplicates([e.name for e in experiments]), number_duplicates([name
-                                                                                        for name, _, _ in models])
     checks: list[CheckSection] = []
     findings: list[Finding] = []
     limited: list[CheckSection] = []
     to_rounding: list[CheckSection] = []
     exhibits: list[PlotData] = []
-    for name, (_, drive, noise), hashes, covariance in zip(
-            names, models, seen, known or [None] * len(models), strict=True):
+    for (name, hashes), (_, drive, noise), covariance in zip(
+            named, models, known or [None] * len(models), strict=True):
         for file, experiment in zip(files, experiments, strict=True):
             run = replay(experiment, drive, noise, options.segment, options.start, covariance)
             rounded = [only_rounding(run.measured[:, m], run.simulated[:, m], run.inputs)
@@ -70,7 +65,7 @@ def validate(experiments: Sequence[Experiment], models: Sequence[SimulatedModel]
                 findings += remarks.residual_findings(check, correlation, options, check in to_rounding)
                 exhibits += _plots(experiment, run, m, check, correlation, options)
     findings += remarks.ranking_findings(checks)
-    unseen = [e.sha256 not in hashes for hashes in seen for e in experiments]
+    unseen = [e.sha256 not in hashes for _, hashes in named for e in experiments]
     return Validation(
         tuple(checks), remarks.verdict(checks, options, any(unseen), limited, to_rounding), tuple(findings),
         tuple(e.source for e in experiments), {}, tuple(exhibits),
@@ -95,7 +90,7 @@ def _check(name: str, file: str, experiment: Experiment, run: Replay, m: int,
     largest = nan if correlation is None else correlation.largest
     value_range, total = float(np.ptp(y)), float(np.sum((y - y.mean()) ** 2))
     return CheckSection(
-        name, file, run.outputs[m], _unit_of_role(run.outputs[m], experiment), fit, one_step, rmse,
+        name, file, run.outputs[m], experiment.unit(run.outputs[m]), fit, one_step, rmse,
         rmse / value_range if value_range else nan,
         1.0 - float(e @ e) / total if value_range and total else nan, int(known.sum()), largest,
         nan if correlation is None else float(correlation.band.max()),
@@ -139,9 +134,3 @@ def _plots(experiment: Experiment, run: Replay, m: int, check: CheckSection,
             "residual with torque": (correlation.lags, correlation.r[0]),
             "band 97 % for one lag": (after, correlation.band[0]),
             f"limit {options.max_correlation:g}": (after, np.full(size, options.max_correlation))})]
-
-
-def _unit_of_role(role: str, experiment: Experiment) -> str:
-    if role.endswith("torque"):
-        return experiment.torque_unit
-    return experiment.motion_unit + ("/s" if role.endswith("speed") else "")
