@@ -13,7 +13,6 @@ from drivetool.check.fit import (
     all_samples,
     gauss_newton_iterations,
     masked_loss,
-    may_have_third_mass,
     on_task,
     with_end_mass,
     with_intermediate_mass,
@@ -62,9 +61,9 @@ def likely_end_masses(base: Model) -> list[Task]:
     With a large share split off the fit would start thousands of units of log likelihood below the base,
     and end in any optimum. A small one hardly changes the motion. One linear step, its inertia, stiffness and
     damping in proportion, predicts its size.
+
+    base  of a drive that may have a third mass
     """
-    if not may_have_third_mass(base.task.drive):
-        return []
     found = []
     for times in THIRD_MASS_FREQUENCY_RATIOS:
         task = with_end_mass(base, TRACE_INERTIA_SHARE, times, TRACE_DAMPING_RATIO)
@@ -78,8 +77,6 @@ def likely_end_masses(base: Model) -> list[Task]:
 
 def likely_large_end_masses(base: Model) -> list[Task]:
     """Large third masses that are likeliest after a few steps; a small one may not grow to them."""
-    if not may_have_third_mass(base.task.drive):
-        return []
     tasks = [with_large_end_mass(base, LARGE_INERTIA_SHARE, ratio, LARGE_DAMPING_RATIO)
              for ratio in THIRD_MASS_FREQUENCY_RATIOS]
     return _after_steps(base, [task for task in tasks if task is not None])
@@ -90,7 +87,7 @@ def likely_intermediate_masses(base: Model) -> list[Task]:
 
     Without such a sensor a body in front of the last and one behind it are not distinguishable.
     """
-    if not may_have_third_mass(base.task.drive) or not any(r.startswith("load_") for r in base.task.roles.outputs):
+    if not any(r.startswith("load_") for r in base.task.roles.outputs):
         return []
     return _after_steps(base,
                         [with_intermediate_mass(base, share, twist_share) for share in INTERMEDIATE_INERTIA_SHARES
