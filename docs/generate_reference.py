@@ -15,8 +15,8 @@ from typing import Any
 import msgspec
 import typer
 
+from drivetool.check.outcome import Facts
 from drivetool.check.verdict import RULES
-from drivetool.check.verdict.facts import FACTS
 from drivetool.cli.command_line import app
 from drivetool.drive import TOTALS
 from drivetool.drive.effects import EFFECTS
@@ -430,7 +430,8 @@ def verdicts() -> str:
         "The first rule that holds decides. `diagnose --explain` prints the facts of a record and that rule; the "
         "file has both as `diagnosis.facts` and `diagnosis.rule`.",
         table(("Rule", "Holds where", "Why", "Source"), rules), "## Facts",
-        table(("Fact", "Meaning"), [(code(name), prose(text)) for name, text in FACTS.items()]))
+        table(("Fact", "Meaning"), [(code(name), prose(of["description"]))
+                                   for name, of in schema_of(Facts)["$defs"]["Facts"]["properties"].items()]))
 
 
 def main(folder: str) -> None:

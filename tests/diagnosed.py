@@ -2,11 +2,9 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
-
 import numpy as np
 
-from drivetool.check.outcome import CandidateResult, Diagnosis, Gain, Round
+from drivetool.check.outcome import CandidateResult, Diagnosis, Gain, Round, SizeSection
 from drivetool.check.verdict.plot_data import diagnosis_plots
 from drivetool.check.verdict.view import View
 from drivetool.drive import two_mass
@@ -22,16 +20,18 @@ LINES = (
     Parameter(name="shaft.stiffness", value=3310.0, unit="Nm/rad", start=3200.0, std=12.0, ci95=(3286.0, 3334.0)),
     Parameter(name="shaft.half_gap", value=0.00322, unit="rad", start=0.0, std=0.00002, ci95=(0.00318, 0.00326)))
 FITTED = (
-    CandidateResult("backlash", "Ts = ks dead(z, a)", "named", 1234.0, 41.0, 530.2, {"shaft.half_gap": 1e-4},
-                    LINES),
-    CandidateResult("hardening-stiffness", "Ts = ks twist (1 + h (|twist|/r)^n)", "worse", 610.0, 55.0, 260.0,
-                    {"shaft.hardening": 0.02},
-                    (Parameter(name="shaft.hardening", value=0.3, unit="", start=0.0, std=0.01),)),
-    CandidateResult("dead-time", "T(t) = u(t - td)", "no-gain", -3.0, 2.0, -1.5, {"converter.dead_time": 4e-5}),
-    CandidateResult("coulomb-motor", "T = Tc sgn(w)", "in-the-model", reason="the base has it already"),
-    CandidateResult("imbalance", "T = a sin(angle) + b cos(angle)", "not-shown",
+    CandidateResult("backlash", "named", law="Ts = ks dead(z, a)", gain=1234.0, gain_std=41.0, evidence=530.2,
+                    smallest={"shaft.half_gap": SizeSection(1e-4, "rad")}, parameters={p.name: p for p in LINES}),
+    CandidateResult("hardening-stiffness", "worse", law="Ts = ks twist (1 + h (|twist|/r)^n)", gain=610.0,
+                    gain_std=55.0, evidence=260.0, smallest={"shaft.hardening": SizeSection(0.02, "")},
+                    parameters={"shaft.hardening": Parameter(
+                        name="shaft.hardening", value=0.3, unit="", start=0.0, std=0.01)}),
+    CandidateResult("dead-time", "no-gain", law="T(t) = u(t - td)", gain=-3.0, gain_std=2.0, evidence=-1.5,
+                    smallest={"converter.dead_time": SizeSection(4e-5, "s")}),
+    CandidateResult("coulomb-motor", "in-the-model", law="T = Tc sgn(w)", reason="the base has it already"),
+    CandidateResult("imbalance", "not-shown", law="T = a sin(angle) + b cos(angle)",
                     reason="the load does not turn often enough <here> & now"),
-    CandidateResult("third-mass", "", "failed", reason="the fit did not settle"))
+    CandidateResult("third-mass", "failed", reason="the fit did not settle"))
 
 
 def gain(before, after, fits=(90.0, 95.0), std=0.0, bar=None, floor=0.1, unexplained=0.0, blocks=0, segment=1.5):
@@ -61,19 +61,19 @@ def views(size: int = 6000, second: bool = True) -> list[View]:
 
 def diagnosis(**changes) -> Diagnosis:
     """Backlash found in one round, and nothing more in the next."""
-    rounds = (Round("backlash", FITTED, GAIN),
-              Round(None, tuple(replace(c, state="no-gain", gain=0.5, gain_std=1.5, evidence=-0.4)
-                                for c in FITTED[1:3])))
+    rounds = (Round(1, "backlash", candidates=FITTED, gain=GAIN),
+              Round(2, candidates=tuple(c.replace(state="no-gain", gain=0.5, gain_std=1.5, evidence=-0.4)
+                                        for c in FITTED[1:3])))
     estimate = Estimate(
         "diagnose", DRIVE, LINES, "settled", {"simulation_fit_percent": 99.4, "rmse": 0.0211, "n": 12000},
         Covariance(("motor.inertia", "shaft.stiffness", "shaft.half_gap"), np.diag([1e-6, 144.0, 4e-10])),
         {"sensor_std.motor_speed": 0.02, "torque_std": 0.3}, data=(("record1.parquet", "ab" * 32),))
     made = Diagnosis(
-        estimate, "named", ("backlash",), (), "", {"backlash": 530.2}, GAIN, rounds,
-        "The simulation errs because of backlash in the shaft.")
-    return replace(made, **changes)
+        "named", "The simulation errs because of backlash in the shaft.", ("backlash",),
+        evidence={"backlash": 530.2}, gain=GAIN, rounds=rounds, estimate=estimate)
+    return made.replace(**changes)
 
 
 def with_pictures(made: Diagnosis) -> Diagnosis:
     """The same with pictures of one record."""
-    return replace(made, exhibits=diagnosis_plots(views(second=False), 5.766, made.rounds, 0.02))
+    return made.replace(exhibits=diagnosis_plots(views(second=False), 5.766, made.rounds, 0.02))

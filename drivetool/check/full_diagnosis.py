@@ -152,7 +152,7 @@ def found_dead_time(search: SearchResult) -> float:
     if DEAD_TIME_CODE not in {*search.found.causes, *search.found.between}:
         return 0.0
     delays = [p.value for one in search.rounds for c in one.candidates if c.code == DEAD_TIME_CODE
-            for p in c.parameters if p.name == DEAD_TIME_NAME]
+            for p in c.parameters.values() if p.name == DEAD_TIME_NAME]
     return max(delays, default=0.0)
 
 
@@ -163,7 +163,7 @@ def repeated_search(request: Request, before: SearchResult, records: Sequence[Ex
     tested = {c.code for c in lines if c.gain is not None or c.state == "worse"}
     wanted = tuple(c for c in request.wanted if c in tested or CAUSES[c].of_record)
     found = search_records(replace(request, wanted=wanted), records, drive, faults)
-    rounds = tuple(replace(one, candidates=(*one.candidates, *(
+    rounds = tuple(one.replace(candidates=(*one.candidates, *(
         c for c in (before.rounds[i].candidates if i < len(before.rounds) else ())
         if c.code not in {line.code for line in one.candidates}))) for i, one in enumerate(found.rounds))
     return replace(found, rounds=rounds)

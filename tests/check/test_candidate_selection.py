@@ -11,7 +11,6 @@ from drivetool.check.causes.catalogue import CAUSES
 from drivetool.check.search import candidate_fit as attempting
 from drivetool.check.search.candidate_fit import (
     CandidateFit,
-    Screened,
     _select_ends,
     attempt,
     screened_for_significance,
@@ -58,11 +57,11 @@ class Fits:
 
 def start(name, promise, code="quadratic-drag", owner="motor"):
     """A start by that name."""
-    return PreparedStart(CAUSES[code], model_of(code, 0.0, (f"{owner}.drag",), problem=name), promise, {})
+    return PreparedStart(model_of(code, 0.0, (f"{owner}.drag",), problem=name), promise, {})
 
 
 def screened(*starts, code="quadratic-drag"):
-    return Screened(CAUSES[code], starts, {})
+    return CandidateFit(CAUSES[code], prepared_starts=starts)
 
 
 BASE = model_of("base", 0.0, ())

@@ -111,13 +111,14 @@ def test_where_rounding_alone_is_left_no_sample_is_impossible(monkeypatch, stage
 def test_once_a_dead_time_is_known_only_what_had_a_chance_is_looked_for_again(stages):
     """In less of the records; of the others stands what was said before, and faults are none of a search."""
     def lines(**states):
-        return tuple(CandidateResult(code.replace("_", "-"), "", *said) for code, said in states.items())
+        return tuple(CandidateResult(code.replace("_", "-"), state, gain=gain)
+                     for code, (state, gain) in states.items())
 
     before = ended(rounds=(
-        Round("dead-time", lines(dead_time=("named", 90.0), converter_lag=("worse", None),
-                                 backlash=("no-gain", None), imbalance=("not-shown", None))),
-        Round(None, lines(quadratic_drag=("no-gain", -3.0), backlash=("no-gain", None)))))
-    after = ended(rounds=(Round("dead-time", lines(
+        Round(1, "dead-time", candidates=lines(dead_time=("named", 90.0), converter_lag=("worse", None),
+                                               backlash=("no-gain", None), imbalance=("not-shown", None))),
+        Round(2, candidates=lines(quadratic_drag=("no-gain", -3.0), backlash=("no-gain", None)))))
+    after = ended(rounds=(Round(1, "dead-time", candidates=lines(
         dead_time=("named", 95.0), converter_lag=("worse", 60.0), quadratic_drag=("no-gain", None))),))
     stages.ends = [after]
     wanted = ("dead-time", "converter-lag", "backlash", "imbalance", "quadratic-drag", "outliers")

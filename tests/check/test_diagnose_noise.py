@@ -9,12 +9,12 @@ import pytest
 from scipy.signal import lfilter
 
 from drivetool.check.fit.model import (
+    Model,
     all_samples,
     fit,
     fit_from_start,
     initial_noise,
     reestimate_noise,
-    unfitted,
     with_likeliest_noise,
 )
 from drivetool.check.full_diagnosis import Request, base_and_alternatives
@@ -50,7 +50,7 @@ def fitted(machine, record, guess):
     assert task.roles.outputs == ("motor_speed", "load_speed")
     problem = replace(task.problem(), scale=np.array([1.0, guess]))
     point, masks = first_point(drive, problem, task.roles), all_samples(problem)
-    return fit(unfitted("base", task, problem, point, initial_noise(problem, point, masks)), masks)
+    return fit(Model("base", task, problem, point, initial_noise(problem, point, masks)), masks)
 
 
 @pytest.mark.parametrize("wrong", [0.05, 20.0])

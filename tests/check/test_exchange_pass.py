@@ -57,8 +57,9 @@ class Path:
         child = Node((*before.causes, code), model, (model, model), added, before.gained + float(gains.sum()))
         decision = Decision(scores[0], (code, *between), 20.0)
         lines = lines or tuple(CandidateResult(
-            c, "", "possible" if between else "named", float(gains.sum()), 44.0) for c in decision.between)
-        self.steps.append(Expansion(before, (), tuple(scores), decision, lines, child, gain_to(0.5)))
+            c, "possible" if between else "named", gain=float(gains.sum()), gain_std=44.0)
+            for c in decision.between)
+        self.steps.append(Expansion(before, tuple(scores), decision, lines, child, gain_to(0.5)))
         self.node = child
         return self
 
@@ -97,8 +98,8 @@ class Search:
         scores = [Score(m, np.array(self.gains[c]), (sum(self.gains[c]) - 5.0,) * 2, (0.0, 0.0), (m, m),
                         sum(self.gains[c])) for c, m in models.items()]
         decision = decide(scores, budget)
-        lines = tuple(CandidateResult(c, "", "named" if (c,) == decision.between else "worse") for c in models)
-        found = Expansion(rest, (), tuple(scores), decision, lines)
+        lines = tuple(CandidateResult(c, "named" if (c,) == decision.between else "worse") for c in models)
+        found = Expansion(rest, tuple(scores), decision, lines)
         if decision.best is None:
             return found
         code = decision.best.model.code
@@ -169,8 +170,9 @@ def test_a_cause_without_rival_that_blocks_confirm_is_not_tested_again(run_pass,
 
 def hardening_first(gap=396.0):
     """A shaft that stiffens, a gap hardly or far behind it, and then something else."""
-    lines = (CandidateResult("hardening-stiffness", "", "named", 399.0, 51.0),
-             CandidateResult("backlash", "", "worse", gap, 180.0), CandidateResult("imbalance", "", "no-gain"))
+    lines = (CandidateResult("hardening-stiffness", "named", gain=399.0, gain_std=51.0),
+             CandidateResult("backlash", "worse", gain=gap, gain_std=180.0),
+             CandidateResult("imbalance", "no-gain"))
     return Path().then("hardening-stiffness", ["shaft.hardening"], lines=lines).then(
         "coulomb-load", ["load.coulomb"])
 
@@ -220,7 +222,7 @@ def test_a_cause_made_redundant_by_later_ones_is_removed(run_pass, lost, after, 
     (3.0, {"stribeck-motor", "load-step"}, "stribeck-motor")], ids=["needless", "needed", "not requested"])
 def test_a_law_whose_surplus_is_needless_is_called_by_its_special_case(run_pass, surplus, wanted, name):
     """In all that is said; dry friction is there beside the load step then, and rivals it no more."""
-    lines = tuple(CandidateResult(c, "", s) for c, s in (("stribeck-motor", "named"), ("coulomb-motor", "worse")))
+    lines = tuple(CandidateResult(c, s) for c, s in (("stribeck-motor", "named"), ("coulomb-motor", "worse")))
     path = Path().then("load-step", ["load.step_torque"], ("coulomb-motor",)).then(
         "stribeck-motor", ["motor.stribeck", "motor.stribeck_speed", "motor.coulomb"], ("quadratic-drag",),
         lines=lines).then("backlash", ["shaft.half_gap"])

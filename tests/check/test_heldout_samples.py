@@ -52,7 +52,7 @@ def test_test_samples_are_not_training_samples(held_out):
     split = split_of(records, 1 if held_out else 2, drive, roles_of(records, drive))
     assert (split.held_out, split.fitted, len(split.folds)) == ((True, 1, 1) if held_out else (False, 2, 2))
     for fold in split.folds:
-        for t, train, test, again in zip(split.traces, *fold, strict=True):
+        for t, train, test, again in zip(split.traces, fold.train, fold.test, fold.again, strict=True):
             assert not np.any(train & test) and np.all(train | test)
             transient = train & again
             # The initial transient: two periods of the slowest mode, at most half a block.
@@ -130,5 +130,5 @@ def test_information_of_a_held_out_record_is_not_counted_to_the_training_records
     model = over_all_records(base, split)
     monkeypatch.setattr(between_records, "_held_out", lambda *_: ())
     monkeypatch.setattr(between_records, "_change", lambda fitted: len(fitted.problem.traces))
-    folds = [Fold(*its, model, 0.0) for its in split.folds]
+    folds = [Fold(its.train, its.test, its.again, model, 0.0) for its in split.folds]
     assert len(model.problem.traces) == 2 and between_records.change_between(model, folds) == split.fitted == 1

@@ -81,7 +81,7 @@ def test_a_cause_that_ran_away_has_a_line_without_values(monkeypatch):
     found = replace(found, model=replace(found.model, value=base.value - 200.0, problem=base.problem))
     tried = CandidateFit(CAUSES[found.model.code], found.model, {})
     (line,) = candidate_report.candidate_results([tried], [found], decide([found], 0.01), base, 0.0, {})
-    assert (line.state, line.parameters) == ("named", ()) and line.gain == found.gain
+    assert (line.state, line.parameters) == ("named", {}) and line.gain == found.gain
 
 
 def test_a_small_lead_behind_a_large_gain_may_be_an_inexact_law():

@@ -44,7 +44,7 @@ def test_large_residuals_or_an_implausible_noise_are_doubtful(
 
 def step(node, code, value):
     child = replace(node, causes=(*node.causes, code), model=replace(node.model, value=value), trained=("folds",))
-    return Expansion(node, (), (), Decision(None, (code,), 0.0), (), child)
+    return Expansion(node, (), Decision(None, (code,), 0.0), (), child)
 
 
 def found_together(monkeypatch, ends, block_lead=1.0, drive=None, first="coulomb-load", wanted=CAUSES, fails=False):
@@ -61,7 +61,7 @@ def found_together(monkeypatch, ends, block_lead=1.0, drive=None, first="coulomb
             for code, value in zip(codes, ends[1:], strict=False):
                 steps.append(step(node, code, value))
                 node = steps[-1].child
-            return [*steps, Expansion(node, (), (), Decision(None, (), 0.0), ())], ""
+            return [*steps, Expansion(node, (), Decision(None, (), 0.0), ())], ""
 
     monkeypatch.setattr(masked_causes, "_forced_expansion", lambda search, code,
                         _: gap if code == "backlash" else None)

@@ -27,7 +27,7 @@ def by_kind(found):
 @pytest.mark.slow
 def test_all_kinds_are_made_and_drawn_with_the_same_bytes():
     made = [replace(v, angle=v.angle + 5.0 * v.time) for v in views()]
-    found = diagnosis_plots(made, INERTIA, [Round("backlash", FITTED)], 0.02)
+    found = diagnosis_plots(made, INERTIA, [Round(1, "backlash", candidates=FITTED)], 0.02)
     assert [e.kind for e in found] == [
         "diagnosis-record", "diagnosis-record", "diagnosis-residual-time", "diagnosis-residual-time",
         "diagnosis-residual-speed", "diagnosis-residual-torque", "diagnosis-residual-order",
@@ -130,7 +130,8 @@ def test_what_a_record_lacks_is_left_out(change):
         made = [replace(v, speed=0.0 * v.speed, angle=0.0 * v.angle) for v in made]
     if change == "constant torque":
         made = [replace(v, shaft=None, torque=0.0 * v.torque) for v in made]
-    found = diagnosis_plots(made, INERTIA, [Round(None, (CandidateResult("backlash", "", "failed", reason="x"),))])
+    found = diagnosis_plots(made, INERTIA, [
+        Round(1, candidates=(CandidateResult("backlash", "failed", reason="x"),))])
     names = {e.kind for e in found}
     assert {"diagnosis-record", "diagnosis-residual-time"} <= names and "diagnosis-candidates" not in names
     assert ("diagnosis-residual-order" in names) == (change in ("gaps", "one body", "constant torque"))
@@ -157,7 +158,7 @@ def test_a_view_comes_from_two_runs():
 
 
 def test_candidates_are_sorted_and_those_without_a_gain_are_left_to_the_table():
-    found = diagnosis_plots(views(second=False), INERTIA, [Round("backlash", FITTED[::-1])])[-1]
+    found = diagnosis_plots(views(second=False), INERTIA, [Round(1, "backlash", candidates=FITTED[::-1])])[-1]
     assert list(found.curves) == ["backlash: named", "hardening-stiffness: worse", "dead-time: no-gain"]
     assert found.curves["backlash: named"][0][0] == 1234.0 and found.curves["backlash: named"][1][0] == 41.0
 

@@ -3,16 +3,17 @@
 from __future__ import annotations
 
 import re
-from dataclasses import fields, replace
+from dataclasses import fields
 
 import numpy as np
 import pytest
+from msgspec.structs import replace
 
 from drivetool.check.faults import Fault
 from drivetool.check.outcome.diagnosis import OUTSIDE_CATALOGUE, CandidateResult, Facts, Round
 from drivetool.check.search.result import SelectedCauses
 from drivetool.check.verdict import facts as gathering
-from drivetool.check.verdict.facts import FACTS, facts_of
+from drivetool.check.verdict.facts import facts_of
 from drivetool.check.verdict.rules import (
     LOAD_BY_SPEED_TEXT,
     RULES,
@@ -21,6 +22,7 @@ from drivetool.check.verdict.rules import (
     apply_rules,
 )
 from drivetool.drive.simulation import Trace
+from drivetool.files.shapes.schema import schema_of
 from tests.check.models import ended, model_of, model_over
 from tests.diagnosed import diagnosis, gain as made_gain
 
@@ -134,8 +136,8 @@ def test_without_a_rule_the_next_decides():
 
 
 def test_facts_are_those_that_the_table_and_the_pages_name():
-    names = [f.name for f in fields(Facts)]
-    assert list(FACTS) == names == list(NONE.plain())
+    names = Facts.__struct_fields__
+    assert all("description" in of for of in schema_of(Facts)["$defs"]["Facts"]["properties"].values())
     rules = {r.name for r in RULES}
     said = {word for r in RULES for word in re.findall(r"`([^`]+)`", r.when)}
     assert said <= {*names, *rules}
@@ -148,10 +150,10 @@ def test_facts_are_those_that_the_table_and_the_pages_name():
 def search_with(code, gain=300.0, left=0.0, time=0.0, sure=True, free=(), later_confirmed=()):
     """A search that found one cause in one round, and its residuals; later_confirmed: by blocks."""
     found = SelectedCauses((code,), {}, {code: 50.0}, {code: ("x",)}, gain, frozenset(later_confirmed))
-    line = CandidateResult(code, "", "named", gain, 0.2 * gain, 50.0, sure=sure)
+    line = CandidateResult(code, "named", gain=gain, gain_std=0.2 * gain, evidence=50.0, sure=sure)
     torque = model_over(Trace(np.array([[2.0], [-2.0]]), np.zeros((2, 1)), 1e-3))
     return ended(model_of(free=free), first=torque, faults=(Fault("outliers", None),) * 2, found=found, left=left,
-                 time=time, rounds=(Round(code, (line,)),))
+                 time=time, rounds=(Round(1, code, candidates=(line,)),))
 
 
 @pytest.fixture

@@ -16,7 +16,7 @@ from drivetool.check.heldout.samples import split_of
 from drivetool.check.heldout.scores import Score
 from drivetool.check.outcome.diagnosis import DiagnoseOptions
 from drivetool.check.search import search as searching
-from drivetool.check.search.candidate_fit import CandidateFit, Screened
+from drivetool.check.search.candidate_fit import CandidateFit
 from drivetool.check.search.decision import Decision
 from drivetool.check.search.exchange_pass import run_exchange_pass
 from drivetool.check.search.prepared_start import PreparedStart
@@ -45,8 +45,8 @@ class Tries:
         monkeypatch.setattr(searching, "run_residual_tests", lambda _: ResidualTests(left, 0.0, 0.0))
 
     def screen(self, cause, *_):
-        start = PreparedStart(cause, model_of(cause.code), self.causes[cause.code][0], {})
-        return Screened(cause, (start,), {"x": 1.0})
+        start = PreparedStart(model_of(cause.code), self.causes[cause.code][0], {})
+        return CandidateFit(cause, smallest={"x": 1.0}, prepared_starts=(start,))
 
     def attempt(self, screened, base, masks, more=(), goal=np.inf):
         code = screened.cause.code
@@ -195,7 +195,7 @@ class Steps(Unfolded):
         self.budgets.append(budget)
         code = self.found[len(node.causes)]
         child = None if code is None else replace(node, causes=(*node.causes, code))
-        return Expansion(node, (), (), Decision(None, (), 0.0), (), child, child and "gain")
+        return Expansion(node, (), Decision(None, (), 0.0), (), child, child and "gain")
 
 
 @pytest.mark.parametrize(("found", "options", "causes", "not_requested"), [
@@ -208,7 +208,7 @@ class Steps(Unfolded):
 def test_node_after_node_until_nothing_more_is_found(found, options, causes, not_requested):
     search = Steps(found, **options)
     path, said = search.path()
-    assert [e.round.cause for e in path] == causes and said == not_requested
+    assert [e.round(1).cause for e in path] == causes and said == not_requested
     assert [e.stage for e in path] == ["gain" if c else None for c in causes]
     assert search.budgets == [0.01 * 0.5 ** (k + 1) for k in range(len(path))]
 
@@ -216,7 +216,7 @@ def test_node_after_node_until_nothing_more_is_found(found, options, causes, not
 def test_a_path_that_goes_on_from_a_cause_has_what_that_left_of_budget_and_rounds():
     search = Steps(["backlash", "imbalance", "load-step", "hardening-stiffness"])
     path, _ = search.path(replace(ROOT, causes=("backlash",)))
-    assert [e.round.cause for e in path] == ["imbalance", "load-step", None]
+    assert [e.round(1).cause for e in path] == ["imbalance", "load-step", None]
     assert search.budgets == [0.01 * 0.5 ** (k + 1) for k in (1, 2, 3)]
 
 
@@ -226,7 +226,7 @@ def test_the_search_restarts_from_a_base_that_ends_likelier_elsewhere(depth):
     search = Steps(["backlash", "imbalance", None])
     search.better = {depth: -50.0}
     path, _ = search.path()
-    assert [e.node.model.value for e in path][depth] == -50.0 and [e.round.cause for e in path] == [
+    assert [e.node.model.value for e in path][depth] == -50.0 and [e.round(1).cause for e in path] == [
         "backlash", "imbalance", None]
     assert (search.root.model.value == -50.0) == (depth == 0)
     assert depth == 0 or path[0].child is path[1].node
@@ -248,10 +248,10 @@ def test_a_cause_leads_a_base_out_of_its_local_optimum_where_that_is_likelier(mo
     monkeypatch.setattr(searching, "fit", lambda model, _: model)
     search = Unfolded()
     child = replace(ROOT, causes=("backlash",), model=model_of("backlash", -90.0, (*ROOT.model.task.free, "gap")))
-    found = search._improved_base(ROOT, Expansion(ROOT, (), (), Decision(None, (), 0.0), (), child))
+    found = search._improved_base(ROOT, Expansion(ROOT, (), Decision(None, (), 0.0), (), child))
     assert removed == [("gap",)] and (found is not None) == better
     assert not better or (found.model.value, found.model.code, found.trained) == (value, "base", (found.model,))
-    assert search._improved_base(ROOT, Expansion(ROOT, (), (), Decision(None, (), 0.0), ())) is None
+    assert search._improved_base(ROOT, Expansion(ROOT, (), Decision(None, (), 0.0), ())) is None
 
 
 def test_nothing_is_looked_for_where_free_runs_of_the_base_leave_rounding_alone():
@@ -309,7 +309,7 @@ def test_breakaway_friction_that_fades_by_another_power_is_one_cause(power):
         stribeck=(0.15,), stribeck_speed=(3.0,), stribeck_power=(power,)))
     search = one_body_search(machine, ("stribeck-motor", "quadratic-drag"), size=6000)
     path, _ = search.path()
-    assert [e.round.cause for e in path] == ["stribeck-motor", None]
+    assert [e.round(1).cause for e in path] == ["stribeck-motor", None]
     model = path[0].child.model
     values = model.fitted.drive.values
     assert ("motor.stribeck_power" in model.task.free) == (power != 2.0)
@@ -320,7 +320,7 @@ def test_breakaway_friction_that_fades_by_another_power_is_one_cause(power):
 @pytest.mark.slow
 def test_nothing_is_found_where_nothing_is_missing():
     path, _ = one_body_search(BODY, FRICTION).path()
-    assert [e.round.cause for e in path] == [None]
+    assert [e.round(1).cause for e in path] == [None]
 
 
 @pytest.mark.slow

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from drivetool.check.causes.catalogue import CAUSES
-from drivetool.check.fit.model import all_samples, fit, fit_from_start, unfitted
+from drivetool.check.fit.model import Model, all_samples, fit, fit_from_start
 from drivetool.check.fit.structure import (
     transferred_point,
     with_end_mass,
@@ -114,6 +114,6 @@ def test_a_swing_from_the_start_is_no_third_mass():
     masks = all_samples(base.problem)
     task = with_end_mass(base, 0.003, 0.4 / resonance(machine), 0.2)
     problem = problem_of(task.drive, task.free, task.roles, base.problem.traces)
-    model = fit(unfitted("third-mass", task, problem, transferred_point(base, task, problem), base.noise), masks)
+    model = fit(Model("third-mass", task, problem, transferred_point(base, task, problem), base.noise), masks)
     assert model.value < base.value - 100.0
     assert screened_for_significance(CandidateFit(CAUSES["third-mass"], model, {}), base).absent == "no-gain"

@@ -93,8 +93,8 @@ def test_the_base_has_a_cause_if_its_size_is_significant(size, had):
         return Parameter(name=name, value=value, unit="Nm", start=value, std=std, ci95=None, status="fitted")
 
     estimate = replace(ESTIMATE, parameters=(line("motor.coulomb", size, 1e-4), line("load.coulomb", 0.2, 1e-3)))
-    tried = [CandidateResult(code, "", "in-the-model") for code in ("coulomb-motor", "torque-offset")]
-    assert causes_in_base([Round(None, tuple(tried))], estimate) == had
+    tried = [CandidateResult(code, "in-the-model") for code in ("coulomb-motor", "torque-offset")]
+    assert causes_in_base([Round(1, candidates=tuple(tried))], estimate) == had
 
 
 def test_a_channel_is_to_be_mended_not_recorded_again():
@@ -173,5 +173,5 @@ def test_the_size_of_a_cause_in_words(code, lines, words):
     (3.9432, 3.9439, "3.9439 instead of 3.9432"), (1.0, 2.0, "2 instead of 1"),
     (0.01234, 0.01236, "0.01236 instead")])
 def test_values_of_two_records_have_as_many_digits_as_they_differ_in(before, after, words):
-    change = Change({"load.coulomb": (before, after)}, 30.0, 30.0, True, ("a.parquet",))
+    change = Change({"load.coulomb": (before, after)}, 30.0, True, ("a.parquet",))
     assert words in records_differ_text(change, model_of())

@@ -43,7 +43,7 @@ def stand_in(monkeypatch):
         if isinstance(seen.answer, Exception):
             raise seen.answer
         data = tuple((e.name, e.sha256) for e in experiments)
-        return replace(seen.answer, estimate=replace(seen.answer.estimate, data=data))
+        return seen.answer.replace(estimate=replace(seen.answer.estimate, data=data))
 
     monkeypatch.setattr("drivetool.check.diagnose", diagnose)
     return seen
@@ -190,7 +190,7 @@ def test_what_is_found_is_no_failure(folder, stand_in, call, finding, code):
     verdict = finding.removeprefix("diagnosis-")
     findings = (Finding("note", "torque-source", "It is."),)
     made = diagnosed.diagnosis(verdict=verdict, between=("backlash", "dead-time"), experiment="Load it more.")
-    stand_in.answer = replace(made, estimate=replace(made.estimate, findings=findings))
+    stand_in.answer = made.replace(estimate=replace(made.estimate, findings=findings))
     assert call(*WORDS, "-o", "x.yaml")[0] == 0
     found, _, err = call(*WORDS, "-o", "x.yaml", "--strict")
     assert found == code and finding in err and "Load it more." in err
@@ -278,8 +278,8 @@ def test_pages_of_other_verdicts(folder, stand_in, call):
     words = " ".join(Page(Path("r.html").read_text()).words)
     assert words.count("one of the possible causes") == 2 and "Sweep the preload." in words
     assert "stiffer the more torque" in words
-    known = replace(made.rounds[0].candidates[0], state="in-the-model", gain=None, parameters=())
-    later = replace(made.rounds[1], candidates=(known, *made.rounds[1].candidates))
+    known = made.rounds[0].candidates[0].replace(state="in-the-model", gain=None, parameters={})
+    later = made.rounds[1].replace(candidates=(known, *made.rounds[1].candidates))
     stand_in.answer = diagnosed.diagnosis(verdict="undetermined", causes=(),
                                           between=("backlash", OUTSIDE_CATALOGUE),
                                           rounds=(made.rounds[0], later))

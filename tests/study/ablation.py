@@ -11,7 +11,6 @@ from __future__ import annotations
 import sys
 from collections import Counter
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import fields
 from pathlib import Path
 
 from drivetool.check.outcome import Facts
@@ -25,8 +24,8 @@ from tests.study.study_names import grade_of_law
 def facts_of(row: Mapping) -> Facts:
     """The facts of a row; what an older version did not store is as nothing found."""
     stored = row["facts"]
-    return Facts(**{f.name: tuple(stored[f.name]) if isinstance(stored[f.name], list) else stored[f.name]
-                    for f in fields(Facts) if stored.get(f.name) is not None})
+    return Facts(**{n: tuple(stored[n]) if isinstance(stored[n], list) else stored[n]
+                    for n in Facts.__struct_fields__ if stored.get(n) is not None})
 
 
 def graded(row: Mapping, rules: Sequence[Rule]) -> str:

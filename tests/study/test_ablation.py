@@ -6,6 +6,7 @@ from collections import Counter
 
 from drivetool.check.outcome import Facts
 from drivetool.check.verdict import RULES
+from drivetool.files.yaml import to_plain
 from tests.study.ablation import graded, without_each
 
 CLEAR = Facts(causes=("backlash",), strongest="backlash", gained=300.0, after=0.3, floor=0.02)
@@ -13,7 +14,7 @@ NOISY = Facts(causes=("backlash",), strongest="backlash", gained=300.0, after=0.
 
 
 def row(facts, truth, removed=()):
-    return {"facts": facts.plain(), "to_name": list(truth), "removed": list(removed)}
+    return {"facts": to_plain(facts), "to_name": list(truth), "removed": list(removed)}
 
 
 def test_grades_are_those_of_the_studies():
@@ -21,8 +22,8 @@ def test_grades_are_those_of_the_studies():
     assert graded(row(CLEAR, ["imbalance"]), RULES) == "wrong"
     assert graded(row(CLEAR, []), RULES) == "false-alarm"
     assert graded(row(CLEAR, ["backlash"], ["backlash"]), RULES) == "wrong"
-    assert graded({"facts": CLEAR.plain(), "law": "shaft.gap"}, RULES) == "right"
-    assert graded({"facts": CLEAR.plain(), "law": "motor.crank"}, RULES) == "wrong"
+    assert graded({"facts": to_plain(CLEAR), "law": "shaft.gap"}, RULES) == "right"
+    assert graded({"facts": to_plain(CLEAR), "law": "motor.crank"}, RULES) == "wrong"
 
 
 def test_a_rule_is_worth_the_answers_that_change_without_it():

@@ -2,19 +2,16 @@
 
 from __future__ import annotations
 
+from functools import partial
 from typing import TYPE_CHECKING
 
 from drivetool.check.causes.cause import Cause
-from drivetool.check.starts import Bounds, Start, largest_torque, speed_and_duration, starts_on_any_body
+from drivetool.check.starts import Bounds, largest_torque, speed_and_duration, starts_on_any_body
 from drivetool.quantity import owner_of, quantity_of
 
 if TYPE_CHECKING:
     from drivetool.check.fit import Model
     from drivetool.identify.setup import Task
-
-
-def _starts(base: Model) -> list[Start]:
-    return starts_on_any_body(base, "viscous_asymmetry")
 
 
 def _bounds(base: Model, task: Task) -> Bounds:
@@ -27,6 +24,7 @@ def _bounds(base: Model, task: Task) -> Bounds:
     return found
 
 
+_starts = partial(starts_on_any_body, suffix="viscous_asymmetry")
 CAUSES = (Cause(
     "asymmetric-friction", "friction that depends on the direction",
     "Friction is higher in one direction than in the other.",

@@ -34,7 +34,7 @@ class Cause:
     alike        code of a look-alike cause -> the experiment that decides between the two, stated in one of both
                  files
     response     codes of causes with the same response of a linear drive, which differ in the noise they pass
-    absent       (base) -> state and reason where it has no starts, if its effect does not state them
+    absent       state and reason where it has no starts, if its effect does not state them
     trace        (base) -> a start with a very small size, where the linearisation at the neutral value gives no
                  detection limit; None: there is no such start, or `starts` have amplitudes
     bounds       (base, task) -> bounds of its parameters during the search
@@ -71,7 +71,7 @@ class Cause:
     special: tuple[str, ...] = ()
     alike: Mapping[str, str] = field(default_factory=dict)
     response: tuple[str, ...] = ()
-    absent: Callable[[Model], tuple[State, str]] | None = None
+    absent: tuple[State, str] | None = None
     trace: Callable[[Model], Start] | None = None
     bounds: Callable[[Model, Task], Bounds] | None = None
     imposed: Callable[[Model], list[Start]] | None = None

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from functools import partial
 from typing import TYPE_CHECKING
 
 from drivetool.check.causes.cause import Cause
@@ -26,14 +27,10 @@ def _starts(base: Model) -> list[Start]:
                                                                     for n in DELAY_STARTS_IN_SAMPLES])
 
 
-def _trace(base: Model) -> Start:
-    return shortest_delay(base, NAME)
-
-
 HIGH_FREQUENCY_EXCITATION = "Excite above a third of the sampling rate (steps, PRBS), or log faster."
 CAUSES = (Cause(
     "dead-time", "dead time of the torque", "The torque comes later than the logged command by a fixed time.",
     "Look at bus cycles, and whether command and speed are logged with the same clock.", "dead-time",
-    starts=_starts, sizes=("dead_time",), trace=_trace,
+    starts=_starts, sizes=("dead_time",), trace=partial(shortest_delay, name=NAME),
     alike={"converter-lag": HIGH_FREQUENCY_EXCITATION,
            "speed-filter": "Log the motor angle too; excite above a third of the sampling rate."}),)

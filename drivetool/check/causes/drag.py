@@ -2,19 +2,12 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
+from functools import partial
 
 from drivetool.check.causes.cause import Cause
-from drivetool.check.starts import Start, starts_on_any_body
+from drivetool.check.starts import starts_on_any_body
 
-if TYPE_CHECKING:
-    from drivetool.check.fit import Model
-
-
-def _starts(base: Model) -> list[Start]:
-    return starts_on_any_body(base, "drag")
-
-
+_starts = partial(starts_on_any_body, suffix="drag")
 CAUSES = (Cause(
     "quadratic-drag", "drag that grows with the square of speed",
     "A rotating part accelerates a fluid (air or oil): its drag torque grows with the square of the speed.",

@@ -90,8 +90,7 @@ def _with_further_step(model: Model, masks: Masks, best_start: Callable) -> Mode
 
 def _in_order(model: Model) -> Model:
     """The model with its steps numbered in order of time."""
-    from drivetool.check.fit import transferred_point
-    from drivetool.identify.setup import problem_of
+    from drivetool.check.fit import on_task
 
     task = model.fitted
     times = {n: v for n, v in task.drive.values.items() if quantity_of(n) in STEP_TIMES and n in task.free}
@@ -106,9 +105,7 @@ def _in_order(model: Model) -> Model:
 
     drive = replace(task.drive, values={renamed(n): v for n, v in task.drive.values.items()})
     free = {renamed(n) for n in task.free}
-    task = replace(task, drive=drive, free=tuple(n for n in drive.quantities if n in free))
-    problem = problem_of(drive, task.free, task.roles, model.problem.traces)
-    return replace(model, task=task, problem=problem, point=transferred_point(model, task, problem))
+    return on_task(model, replace(task, drive=drive, free=tuple(n for n in drive.quantities if n in free)))
 
 
 CAUSES = (Cause(

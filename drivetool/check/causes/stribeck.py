@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from contextlib import suppress
+from functools import partial
 from itertools import product
 from typing import TYPE_CHECKING
 
@@ -31,18 +32,16 @@ MIN_POWER_GAIN = 10.0
 STRIBECK_SPEED_STARTS = (0.02, 0.06, 0.2, 0.5)  # over the largest speed, as starts (a choice: factors of three)
 
 
-def _starts(end: str) -> Callable[[Model], list[Start]]:
-    def starts(base: Model) -> list[Start]:
-        found = []
-        for body, share in product(bodies_without(base, end, "stribeck"), STRIBECK_SPEED_STARTS):
-            size = torque_size(base, body)
-            values = {name_of(body, "stribeck"): NEGLIGIBLE_FRICTION_SHARE * size,
-                      name_of(body, "stribeck_speed"): share * speed_and_duration(base, body)[0]}
-            if not is_present(base, name_of(body, "coulomb")):
-                values[name_of(body, "coulomb")] = NEGLIGIBLE_FRICTION_SHARE * size
-            found.append(start_with(base, values, [n for n in values if not n.endswith("speed")]))
-        return found
-    return starts
+def _starts(base: Model, end: str) -> list[Start]:
+    found = []
+    for body, share in product(bodies_without(base, end, "stribeck"), STRIBECK_SPEED_STARTS):
+        size = torque_size(base, body)
+        values = {name_of(body, "stribeck"): NEGLIGIBLE_FRICTION_SHARE * size,
+                  name_of(body, "stribeck_speed"): share * speed_and_duration(base, body)[0]}
+        if not is_present(base, name_of(body, "coulomb")):
+            values[name_of(body, "coulomb")] = NEGLIGIBLE_FRICTION_SHARE * size
+        found.append(start_with(base, values, [n for n in values if not n.endswith("speed")]))
+    return found
 
 
 def _bounds(base: Model, task: Task) -> Bounds:
@@ -75,13 +74,13 @@ def _with_power_fitted(model: Model, base: Model, masks: Masks, refitted: Callab
 CAUSES = (
     Cause("stribeck-motor", "breakaway friction at the motor",
           "At the motor it takes more torque to start moving than to keep moving slowly.",
-          "Look at lubrication and seals; avoid dwelling at creep speed.", "stribeck", starts=_starts("motor"),
-          imposed=_starts("motor"), sizes=SIZES, end="motor", special=("coulomb-motor",),
-          bounds=_bounds, refined=_with_power_fitted),
+          "Look at lubrication and seals; avoid dwelling at creep speed.", "stribeck",
+          starts=partial(_starts, end="motor"), imposed=partial(_starts, end="motor"), sizes=SIZES, end="motor",
+          special=("coulomb-motor",), bounds=_bounds, refined=_with_power_fitted),
     Cause("stribeck-load", "breakaway friction at the load",
           "At the load it takes more torque to start moving than to keep moving slowly.",
           "Look at lubrication, guides and seals; avoid dwelling at creep speed.", "stribeck",
-          starts=_starts("load"), imposed=_starts("load"), sizes=SIZES, bodies=2, end="load",
-          special=("coulomb-load",), bounds=_bounds, refined=_with_power_fitted,
+          starts=partial(_starts, end="load"), imposed=partial(_starts, end="load"), sizes=SIZES, bodies=2,
+          end="load", special=("coulomb-load",), bounds=_bounds, refined=_with_power_fitted,
           alike={"stribeck-motor": "Record many slow reversals, or log the load speed or the shaft torque."}),
 )

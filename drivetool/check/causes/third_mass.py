@@ -12,7 +12,6 @@ from drivetool.check.starts import Bounds, Start
 
 if TYPE_CHECKING:
     from drivetool.check.fit import Model
-    from drivetool.check.outcome import State
     from drivetool.identify.setup import Task
 
 # Torque noise over the base's, under which a third mass is also searched (a choice: a tenth)
@@ -64,14 +63,11 @@ def _bounds(base: Model, task: Task) -> Bounds:
                             (min(damping, min_damping), max(damping, min_damping) * MAX_START_RATIO)), strict=True))
 
 
-def _absent(_: Model) -> tuple[State, str]:
-    return "not-shown", "the drive is no two-mass drive, or a third mass would ring too fast for the sampling rate"
-
-
+NO_STARTS = "the drive is no two-mass drive, or a third mass would ring too fast for the sampling rate"
 CAUSES = (Cause(
     "third-mass", "a further elastic mass",
     "Part of the load is connected by a further elastic shaft or coupling: the drive has one more resonance than "
     "the model.", "Look for the next coupling or a soft mounting; a sensor at the load identifies it best.",
-    of="the chain", law="a further inertia behind a further shaft", absent=_absent,
+    of="the chain", law="a further inertia behind a further shaft", absent=("not-shown", NO_STARTS),
     starts=_starts, costly=True, sizes=("inertia", "stiffness", "damping"), bodies=2, bounds=_bounds,
     needs="excitation around its resonance; a sensor at the load identifies it best"),)

@@ -11,7 +11,6 @@ from drivetool.quantity import name_of, names_of
 
 if TYPE_CHECKING:
     from drivetool.check.fit import Model
-    from drivetool.check.outcome import State
 
 
 def _starts(base: Model) -> list[Start]:
@@ -23,12 +22,9 @@ def _starts(base: Model) -> list[Start]:
     return [start_with(base, {name: drive.values.get(name, drive.referred_to_motor("idle_torque"))}, (name,))]
 
 
-def _absent(_: Model) -> tuple[State, str]:
-    return "in-the-model", "it is equivalent to the idle torque, which is already free in the base"
-
-
 CAUSES = (Cause(
     "torque-offset", "an offset of the torque channel", "The logged torque is shifted by a constant amount.",
     "Calibrate the zero of the torque or current sensor.", None, starts=_starts, sizes=("offset", "idle_torque"),
-    law=idle_torque.EFFECT.law, absent=_absent,
+    law=idle_torque.EFFECT.law, absent=(
+        "in-the-model", "it is equivalent to the idle torque, which is already free in the base"),
     needs="a stretch with the torque switched off; without one an idle torque is the same"),)

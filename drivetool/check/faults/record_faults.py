@@ -77,7 +77,7 @@ def record_faults_of(experiments: Sequence[Experiment], wanted: Sequence[str], g
 def _quantisation_faults(e: Experiment) -> list[Fault]:
     return [Fault("quantisation", Finding(
         "note", "quantisation",
-        f"{e.name}: the {role.replace('_', ' ')} is quantised in steps of {step:.3g} {_channel_unit(e, role)}; "
+        f"{e.name}: the {role.replace('_', ' ')} is quantised in steps of {step:.3g} {e.unit(role)}; "
         f"quantisation is {100.0 * share:.0f} % of the variance of its noise.",
         {"resolution": step, "share_of_noise": share},
         "Log it with more digits, or log the angle." if role.endswith("speed") else
@@ -89,7 +89,7 @@ def encoder_step_findings(experiments: Sequence[Experiment]) -> list[Finding]:
     """Angles whose noise is largely encoder quantisation, with so many steps per sample that it is white."""
     return [Finding(
         "note", "encoder-quantisation",
-        f"{e.name}: the {role.replace('_', ' ')} has encoder steps of {step:.3g} {_channel_unit(e, role)}; "
+        f"{e.name}: the {role.replace('_', ' ')} has encoder steps of {step:.3g} {e.unit(role)}; "
         f"quantisation is {100.0 * share:.0f} % of the variance of its noise; it is not a model error.",
         {"resolution": step, "share_of_noise": share},
         "A finer encoder makes smaller effects detectable.") for e in experiments
@@ -114,11 +114,6 @@ def _quantised_channels(e: Experiment) -> list[tuple[str, float, float, bool]]:
                 np.abs(np.diff(y)), FAST_MOTION_QUANTILE) > MIN_STEPS_PER_SAMPLE * step
             found.append((role, float(step), float(min(share, 1.0)), bool(fine)))
     return found
-
-
-def _channel_unit(e: Experiment, role: str) -> str:
-    units = {"speed": f"{e.motion_unit}/s", "angle": e.motion_unit}
-    return units.get(role.rpartition("_")[2], e.torque_unit)
 
 
 def _speed_against_angle(e: Experiment, wanted: Sequence[str]) -> tuple[Experiment, list[Fault]]:

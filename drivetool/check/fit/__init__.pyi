@@ -20,7 +20,6 @@ from .model import (
     sensor_std as sensor_std,
     sensor_variance as sensor_variance,
     total_loss as total_loss,
-    unfitted as unfitted,
     with_likeliest_noise as with_likeliest_noise,
 )
 from .quantisation import MIN_ROUNDING_VARIANCE_SHARE as MIN_ROUNDING_VARIANCE_SHARE, resolution as resolution
@@ -40,6 +39,7 @@ from .residual_tests import (
 from .significance import MIN_TESTABLE_GAIN as MIN_TESTABLE_GAIN, neg_log_p_corrected as neg_log_p_corrected
 from .structure import (
     may_have_third_mass as may_have_third_mass,
+    on_task as on_task,
     third_mass_of as third_mass_of,
     transferred_point as transferred_point,
     with_end_mass as with_end_mass,

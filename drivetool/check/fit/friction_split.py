@@ -2,10 +2,8 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
-
 from drivetool.check.fit.model import Masks, Model, fit
-from drivetool.check.fit.structure import transferred_point
+from drivetool.check.fit.structure import on_task
 from drivetool.drive import TOTALS
 from drivetool.identify.fit import parts_identifiable, tasks_with_parts
 from drivetool.identify.noise import filtered_normal_equations
@@ -25,10 +23,10 @@ def with_parts(model: Model, masks: Masks) -> Model:
         if total not in model.task.free:
             continue
         for task, parts in tasks_with_parts(model.fitted, total):
-            problem = task.problem()
-            start = replace(model, task=task, problem=problem, point=transferred_point(model, task, problem))
-            normal = filtered_normal_equations(problem, start.point, model.noise)
-            if parts_identifiable(task, problem, start.point, normal, parts, model.fitted.drive.values[total]):
+            start = on_task(model, task)
+            normal = filtered_normal_equations(start.problem, start.point, model.noise)
+            whole = model.fitted.drive.values[total]
+            if parts_identifiable(task, start.problem, start.point, normal, parts, whole):
                 trial = fit(start, masks)
                 if trial.value < model.value + MAX_SPLIT_LOSS:
                     model = trial

@@ -54,7 +54,7 @@ class Model:
     code   of the cause it adds to the base, "base" for the base
     task   the drive with its free parameters; problem: the same over the records
     point  the estimate; noise: its noise model
-    value  -log likelihood over the samples that counted
+    value  -log likelihood over the samples that counted; infinite before a fit
     """
 
     code: str
@@ -62,7 +62,7 @@ class Model:
     problem: Problem
     point: Point
     noise: Noise
-    value: float
+    value: float = np.inf
 
     @property
     def fitted(self) -> Task:
@@ -131,11 +131,6 @@ def masked_loss(problem: Problem, point: Point, noise: Noise, masks: Masks) -> f
         return minus_log_likelihood(filtered(masked_problem(problem, masks), point, noise, keep=False))
 
 
-def unfitted(code: str, task: Task, problem: Problem, point: Point, noise: Noise) -> Model:
-    """A model that has not been fitted."""
-    return Model(code, task, problem, point, noise, np.inf)
-
-
 def fit(model: Model, masks: Masks, *, max_iterations: int = MAX_FIT_ITERATIONS, refit_noise: bool = True,
         goal: float = np.inf) -> Model:
     """The model fitted to the samples of a mask, from its present point.
@@ -169,7 +164,7 @@ def fit_from_start(task: Task, masks: Masks | None = None, max_iterations: int =
     problem = task.problem()
     point = first_point(task.drive, problem, task.roles)
     masks = all_samples(problem) if masks is None else masks
-    model = unfitted("base", task, problem, point, initial_noise(problem, point, masks))
+    model = Model("base", task, problem, point, initial_noise(problem, point, masks))
     if not max_iterations:
         return replace(model, value=masked_loss(problem, point, model.noise, masks))
     return _reestimate_noise_widely(fit(model, masks, max_iterations=max_iterations), masks, max_iterations)

@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from dataclasses import replace
 
 from drivetool.check.fit.model import MAX_FIT_ITERATIONS, Masks, Model, fit
-from drivetool.check.fit.structure import third_mass_of, transferred_point, without_third_mass
+from drivetool.check.fit.structure import on_task, third_mass_of, without_third_mass
 from drivetool.drive import Drive
 from drivetool.identify.estimate import Parameter, parameters_of
 from drivetool.identify.laws import third_mass_names
@@ -41,6 +41,4 @@ def refit_without(model: Model, names: Sequence[str], first: Drive, masks: Masks
         values |= {dry: values[dry] + task.drive.value(n)} if dry in values else {}
     drive = replace(task.drive, values=values)
     less = replace(task, drive=drive, free=tuple(n for n in drive.quantities if n in {*task.free} - {*names}))
-    problem = less.problem()
-    return fit(replace(model, task=less, problem=problem, point=transferred_point(model, less, problem)), masks,
-               max_iterations=max_iterations)
+    return fit(on_task(model, less), masks, max_iterations=max_iterations)

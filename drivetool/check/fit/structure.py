@@ -10,7 +10,7 @@ from drivetool.check.fit.model import Model
 from drivetool.drive import END_MASS, Drive
 from drivetool.identify.laws import third_mass_names, with_split_load
 from drivetool.identify.problem import Point, Problem
-from drivetool.identify.setup import Task
+from drivetool.identify.setup import Task, problem_of
 from drivetool.quantity import name_of, owner_of, with_parts
 
 INTERMEDIATE_MASS = "middle"
@@ -149,6 +149,12 @@ def transferred_point(base: Model, task: Task, problem: Problem) -> Point:
             _split_twist(x, new, task.drive)
         starts.append(x)
     return Point(np.array([task.drive.value(n) for n in task.free], float), tuple(starts))
+
+
+def on_task(model: Model, task: Task) -> Model:
+    """A model at its estimate as that of another task over the same records, not fitted yet."""
+    problem = problem_of(task.drive, task.free, task.roles, model.problem.traces)
+    return replace(model, task=task, problem=problem, point=transferred_point(model, task, problem))
 
 
 def _split_twist(x: np.ndarray, states: list[str], drive: Drive) -> None:

@@ -12,6 +12,7 @@ from drivetool.check.fit import (
     Model,
     fit,
     linear_step,
+    on_task,
     over_traces,
     run_residual_tests,
     with_likeliest_noise,
@@ -19,8 +20,7 @@ from drivetool.check.fit import (
 from drivetool.check.heldout.scores import REFIT_ITERATIONS, Fold
 from drivetool.finding import Finding
 from drivetool.identify.noise import filtered_normal_equations
-from drivetool.identify.problem import Point, schur
-from drivetool.identify.setup import problem_of
+from drivetool.identify.problem import schur
 
 # Log likelihood of other values, besides one per free parameter. A choice: so clear that no inexact law
 # explains it.
@@ -42,14 +42,13 @@ class Change:
 
     values     parameter -> (fitted value, value of the held-out records with the others fixed: without an interval,
                because part of the change may belong to those)
-    gained     log likelihood that these bring, of `possible` by all parameters
+    gained     log likelihood that these bring
     described  whether the drive describes the records with values of their own
     records    their names
     """
 
     values: dict[str, tuple[float, float]]
     gained: float
-    possible: float
     described: bool
     records: tuple[str, ...]
 
@@ -120,17 +119,13 @@ def _change(held: Model, masks: list[np.ndarray], fitted: Model) -> Change | Non
     values = {n: (held.task.drive.value(n), float(best.point.values[j]))
               for j, n in enumerate(best.task.free)}
     left = run_residual_tests(own)
-    return Change(values, held.value - best.value, possible, left.total < MAX_OWN_RESIDUAL,
+    return Change(values, held.value - best.value, left.total < MAX_OWN_RESIDUAL,
                   tuple(dict.fromkeys(t.name for t in held.problem.traces)))
 
 
 def _with_free(best: Model, held: Model, names: Sequence[str]) -> Model:
     """The best model so far with these parameters free, the others at the fitted values."""
-    task = replace(best.fitted, free=tuple(n for n in held.task.free if n in names))
-    problem = problem_of(task.drive, task.free, task.roles, held.problem.traces)
-    values = np.array([task.drive.value(n) for n in task.free])
-    point = Point(values, best.point.starts)
-    return replace(best, task=task, problem=problem, point=point)
+    return on_task(best, replace(best.fitted, free=tuple(n for n in held.task.free if n in names)))
 
 
 def _best_candidates(best: Model, held: Model, changed: Sequence[str]) -> list[str]:

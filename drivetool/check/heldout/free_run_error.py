@@ -45,14 +45,14 @@ class FreeRuns:
         return fit_percent(np.concatenate(self.measured), np.concatenate(self.simulated))
 
 
-def blocks_under_test(fold: Fold | Samples, traces: Sequence[Trace]) -> list[Trace]:
+def blocks_under_test(fold: Samples, traces: Sequence[Trace]) -> list[Trace]:
     """The blocks of a fold's test samples in which the first sensor has a value, as traces of their own."""
     return [replace(traces[i], inputs=traces[i].inputs[a:b], outputs=traces[i].outputs[a:b],
                     origin=traces[i].origin + a * traces[i].step, lead=traces[i].inputs[:a])
             for i, a, b in _test_blocks(fold, traces)]
 
 
-def _test_blocks(fold: Fold | Samples, traces: Sequence[Trace]) -> list[tuple[int, int, int]]:
+def _test_blocks(fold: Samples, traces: Sequence[Trace]) -> list[tuple[int, int, int]]:
     """(trace, first sample, end) of the blocks of a fold's test samples in which the first sensor has a value."""
     return [(i, a, b) for i, a, b in blocks_of(traces)
             if fold.test[i][a:b].mean() > 0.5 and np.isfinite(traces[i].outputs[a:b, 0]).any()]

@@ -4,10 +4,10 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import NamedTuple
 
 import numpy as np
 
+from drivetool.check.fit import Masks
 from drivetool.check.heldout.folds import blocks_of, halves
 from drivetool.drive import Drive, resonances
 from drivetool.drive.simulation import Trace
@@ -19,16 +19,17 @@ TRANSIENT_PERIODS = 2.0  # of the slowest resonance or anti-resonance, after whi
 MAX_BLOCK_TRANSIENT_SHARE = 0.5  # of a block. A choice: half of it must stay for the test
 
 
-class Samples(NamedTuple):
+@dataclass(frozen=True)
+class Samples:
     """Per trace a mask (n,) of samples of one fold.
 
     train  that a model is fitted to; test: that it is tested on
     again  the test samples and the initial transients: to fit a model to those
     """
 
-    train: list[np.ndarray]
-    test: list[np.ndarray]
-    again: list[np.ndarray]
+    train: Masks
+    test: Masks
+    again: Masks
 
 
 @dataclass(frozen=True)

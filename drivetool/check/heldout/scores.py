@@ -17,6 +17,7 @@ from drivetool.check.fit import (
     gauss_newton_iterations,
     masked_loss,
     neg_log_p_corrected,
+    on_task,
     over_traces,
     sample_losses,
     sensor_variance,
@@ -92,17 +93,13 @@ class Score:
 
 
 @dataclass(frozen=True)
-class Fold:
+class Fold(Samples):
     """Training and test samples, and the base fitted to each.
 
-    again    the test samples and the initial transients
     trained  the base fitted to the training samples, over all records; best: least -log likelihood of the test
              samples that the base reaches when it is fitted to them, its noise included
     """
 
-    train: Masks
-    test: Masks
-    again: Masks
     trained: Model
     best: float
 
@@ -115,7 +112,7 @@ def folds_of(base: Model, split: Split) -> tuple[Fold, ...]:
                 else range(len(samples.test)))
         masks = [samples.again[i] for i in keep]
         own = fit(with_likeliest_noise(over_traces(trained, keep), masks), masks, max_iterations=REFIT_ITERATIONS)
-        return Fold(*samples, trained,
+        return Fold(samples.train, samples.test, samples.again, trained,
                     masked_loss(own.problem, own.point, own.noise, [samples.test[i] for i in keep]))
 
     with ThreadPoolExecutor(len(split.folds)) as pool:
@@ -160,11 +157,7 @@ def with_event_time_held(model: Model) -> Model:
     names = [n for n in model.task.free if quantity_of(n) in EVENT_TIMES]
     if not names:
         return model
-    task = replace(model.fitted, free=tuple(n for n in model.task.free if n not in names))
-    problem = problem_of(task.drive, task.free, task.roles, model.problem.traces)
-    keep = [j for j, n in enumerate(model.task.free) if n not in names]
-    point = Point(model.point.values[keep], model.point.starts)
-    return Model(model.code, task, problem, point, model.noise, model.value)
+    return on_task(model, replace(model.fitted, free=tuple(n for n in model.task.free if n not in names)))
 
 
 def log_scanned_values(model: Model, base: Model) -> float:

@@ -43,7 +43,15 @@ from drivetool.check.outcome import (
     Gain,
     Round,
 )
-from drivetool.check.search import Decision, SelectedCauses, decide, law_of, why_absent
+from drivetool.check.search import (
+    CandidateFit,
+    Decision,
+    SelectedCauses,
+    decide,
+    law_of,
+    tested_state,
+    why_absent,
+)
 from drivetool.check.starts import Start
 from drivetool.check.verdict import apply_rules, candidate_plots, experiment_of, sentence_of, sizes_of
 from drivetool.drive import TOTALS, Drive
@@ -86,15 +94,6 @@ class Node:
     alternatives: tuple[Model, ...] = ()
     found: SelectedCauses = field(default_factory=SelectedCauses)
     rounds: tuple[Round, ...] = ()
-
-
-@dataclass(frozen=True)
-class Trial:
-    """A cause on top of a node: its fit, or why there is none."""
-
-    cause: Cause
-    model: Model | None = None
-    line: CandidateResult | None = None
 
 
 def diagnose_by_inverse(experiments: Sequence[Experiment], drive: Drive, free: Sequence[str],
@@ -194,17 +193,16 @@ def _run_round(node: Node, records: Records, split: Split, codes: Sequence[str],
         if fit is not None:
             fits[code] = fit
         elif trial.model is not None:
-            trial = replace(trial, model=None, line=CandidateResult(
-                code, law_of(trial.cause), "failed", reason="it diverges in parts of the records"))
+            trial = replace(trial, model=None, absent="failed", reason="it diverges in parts of the records")
         trials.append(trial)
     # The residual of the best is closest to noise: it gives the number of independent samples.
     share = min([node.fit, *fits.values()], key=lambda f: f.own.mean).own.share
     bests = [best_test_loss(node.fit, records, k) for k in range(len(records.test_masks))]
     scores = [_score(t.model, node, fits[t.cause.code], bests, share) for t in trials if t.model is not None]
     decision = decide(scores, budget, UNLIMITED_GAIN)
-    lines = _candidate_results(trials, scores, decision, node)
+    one = Round(len(node.rounds) + 1, candidates=_candidate_results(trials, scores, decision, node))
     if decision.best is None:
-        return replace(node, rounds=(*node.rounds, Round(None, lines))), False
+        return replace(node, rounds=(*node.rounds, one)), False
     best, code = decision.best, decision.best.model.code
     found, fit = node.found, fits[code]
     new = tuple(n for n in best.model.task.free if n not in node.model.task.free)
@@ -213,28 +211,25 @@ def _run_round(node: Node, records: Records, split: Split, codes: Sequence[str],
                            {**found.rivals, code: tuple(c for c in decision.between if c != code)},
                            {**found.evidence, code: decision.evidence}, {**found.added, code: new},
                            found.gained + best.gain, found.sure | ({code} if best.sure else set()))
-    gain = _torque_gain(node.fit, fit, records, split)
-    return Node(replace(best.model, code="base"), fit, (), found, (*node.rounds, Round(code, lines, gain))), True
+    one = one.replace(cause=code, gain=_torque_gain(node.fit, fit, records, split))
+    return Node(replace(best.model, code="base"), fit, (), found, (*node.rounds, one)), True
 
 
-def _best_trial(cause: Cause, node: Node, records: Records) -> Trial:
+def _best_trial(cause: Cause, node: Node, records: Records) -> CandidateFit:
     """The likeliest fit of a cause to all training samples."""
-    def absent(state: str, reason: str) -> Trial:
-        return Trial(cause, line=CandidateResult(cause.code, law_of(cause), state, reason=reason))
-
     base = node.model
     if cause.imposed is None or len(base.task.drive.bodies) < cause.bodies:
-        return absent("not-shown", NEEDS_SIMULATION)
+        return CandidateFit(cause, None, {}, "not-shown", NEEDS_SIMULATION)
     starts = [start for model in (base, *node.alternatives) for start in cause.imposed(model)]
     if not starts:
-        return absent(*why_absent(cause, base))
+        return CandidateFit(cause, None, {}, *why_absent(cause, base))
     models = [m for m in (_fit_from_start(cause, start, base, records) for start in starts) if m is not None]
     best = min(models, key=lambda m: m.value, default=None)
     if best is None:
-        return absent("failed", "no fit ended within its bounds")
+        return CandidateFit(cause, None, {}, "failed", "no fit ended within its bounds")
     if base.value - best.value < MIN_TESTABLE_GAIN:
-        return absent("no-gain", "it does not make the records it is fitted to more likely")
-    return Trial(cause, best)
+        return CandidateFit(cause, None, {}, "no-gain", "it does not make the records it is fitted to more likely")
+    return CandidateFit(cause, best)
 
 
 def _fit_from_start(cause: Cause, start: Start, base: Model, records: Records) -> Model | None:
@@ -279,25 +274,21 @@ def _score(model: Model, node: Node, fit: CrossValidatedFit, bests: Sequence[flo
                  share * (node.model.value - model.value), len(model.task.free) - len(node.model.task.free))
 
 
-def _candidate_results(trials: Sequence[Trial], scores: Sequence[Score], decision: Decision,
+def _candidate_results(trials: Sequence[CandidateFit], scores: Sequence[Score], decision: Decision,
            node: Node) -> tuple[CandidateResult, ...]:
     """One result per cause, the best first."""
     by_code, lines = {s.model.code: s for s in scores}, []
     for t in trials:
         s = by_code.get(t.cause.code)
         if s is None or t.model is None:
-            assert t.line is not None
-            lines.append(t.line)
+            lines.append(CandidateResult(t.cause.code, t.absent, law=law_of(t.cause), reason=t.reason))
             continue
-        state = "worse" if s.gain > 0.0 else "no-gain"
-        if t.cause.code in decision.between:
-            state = "named" if len(decision.between) == 1 else "possible"
         drive = t.model.task.drive
-        values = tuple(Parameter(name=n, value=drive.values[n], unit=drive.unit(n)) for n in t.model.task.free
-                       if n not in node.model.task.free)
+        values = {n: Parameter(name=n, value=drive.values[n], unit=drive.unit(n)) for n in t.model.task.free
+                  if n not in node.model.task.free}
         lines.append(CandidateResult(
-            t.cause.code, law_of(t.cause), state, s.gain, s.gain_std,
-            total_evidence([s], UNLIMITED_GAIN) / float(np.log(10.0)), parameters=values, sure=s.sure))
+            t.cause.code, tested_state(s, decision), law=law_of(t.cause), gain=s.gain, gain_std=s.gain_std,
+            evidence=total_evidence([s], UNLIMITED_GAIN) / float(np.log(10.0)), parameters=values, sure=s.sure))
     return tuple(sorted(lines, key=lambda r: (-(r.gain if r.gain is not None else -np.inf), r.code)))
 
 
@@ -347,15 +338,16 @@ def _diagnosis(first: Node, node: Node, records: Records, split: Split, before: 
     sentence = sentence_of(verdict.verdict, codes, "", gain, 0.0, doubt=verdict.doubt,
                            sizes=sizes_of(found, estimate, first.model))
     rounds = node.rounds if OUTSIDE_CATALOGUE not in verdict.between else tuple(
-        replace(one, candidates=tuple(replace(c, state="possible") if c.state == "named" else c
-                                      for c in one.candidates)) for one in node.rounds)
+        one.with_states({c.code: "possible" for c in one.candidates if c.state == "named"}) for one in node.rounds)
     experiment = experiment_of(verdict.between, verdict.verdict, bool(task.drive.shafts), roles.outputs,
                                verdict.doubt, bool(found.causes))
     shown_fits = [f.trained[-1] if records.own else f.whole for f in (first.fit, node.fit)]
     pictures = (*torque_plots(*shown_fits), *candidate_plots(rounds))
-    return Diagnosis(replace(estimate, outcome=sentence), verdict.verdict, verdict.causes, verdict.between,
-                     experiment, dict(found.evidence), gain, rounds, sentence, pictures,
-                     found.causes if verdict.verdict == "unexplained" else (), verdict.rule, facts)
+    return Diagnosis(
+        verdict.verdict, sentence, verdict.causes, verdict.between,
+        found.causes if verdict.verdict == "unexplained" else (), experiment, dict(found.evidence), gain=gain,
+        rounds=rounds, rule=verdict.rule, facts=facts, estimate=replace(estimate, outcome=sentence),
+        exhibits=pictures)
 
 
 def _own_values(drive: Drive, records: Records) -> Finding:

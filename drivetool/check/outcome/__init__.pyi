@@ -11,4 +11,11 @@ from .diagnosis import (
     Round as Round,
     noise_hides_law as noise_hides_law,
 )
-from .sections import GainSection as GainSection, State as State, Verdict as Verdict
+from .sections import (
+    CandidateSection as CandidateSection,
+    DiagnosisSection as DiagnosisSection,
+    GainSection as GainSection,
+    RoundSection as RoundSection,
+    SizeSection as SizeSection,
+    State as State,
+)

@@ -3,14 +3,22 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import asdict, dataclass, field
-from typing import Literal
+from dataclasses import dataclass
+from typing import Annotated, Literal
 
 import numpy as np
+from msgspec import Meta
 from scipy.special import stdtrit
 
-from drivetool.check.outcome.sections import GainSection, State, Verdict
+from drivetool.check.outcome.sections import (
+    CandidateSection,
+    DiagnosisSection,
+    GainSection,
+    RoundSection,
+    State,
+)
 from drivetool.identify.estimate import Estimate, Parameter, PlotData
+from drivetool.results import Shape
 
 # Factor at 95 % by which the error of a base that lacks a cause differs between records
 # (docs/explanation/diagnosis.md).
@@ -43,30 +51,15 @@ class DiagnoseOptions:
     criterion: Literal["simulation", "inverse"] = "simulation"
 
 
-@dataclass(frozen=True)
-class CandidateResult:
-    """One cause that was tested in one round.
+class CandidateResult(CandidateSection, kw_only=True):
+    """One cause that was tested in one round; a file has its round, and whether the record can show it.
 
-    code       of the catalogue; law: its equation
     state      named; possible: as good as the best; worse: gains, but less than the best; no-gain;
                not-shown: not identifiable from this record; in-the-model already; failed
-    gain       log likelihood gained on held-out data; gain_std: its standard error; None if not fitted
-    evidence   log10 of one over the share of records without any cause on which as much would be found
-    smallest   detection limit of this record, by parameter, in its unit; None: unknown
-    parameters its values on the whole record, with intervals
-    reason     in words: why there is no gain, or in which records it is
     sure       whether the gain is significant by the held-out blocks
     """
 
-    code: str
-    law: str
-    state: State
-    gain: float | None = None
-    gain_std: float | None = None
-    evidence: float | None = None
-    smallest: Mapping[str, float] = field(default_factory=dict)
-    parameters: tuple[Parameter, ...] = ()
-    reason: str = ""
+    parameters: dict[str, Parameter] = {}
     sure: bool = True
 
 
@@ -122,77 +115,67 @@ def noise_hides_law(before: float, after: float, floor: float, share: float,
             and share > IMPLAUSIBLE_NOISE_SHARE)
 
 
-@dataclass(frozen=True)
-class Round:
-    """One round: the causes tested on top of those found before, and the decision.
+class Round(RoundSection, kw_only=True):
+    """One round: the causes tested on top of those found before, and the decision."""
 
-    cause  the code that was added to the model, or None where the round ended the search
-    """
-
-    cause: str | None
-    candidates: tuple[CandidateResult, ...]
+    candidates: tuple[CandidateResult, ...] = ()
     gain: Gain | None = None
 
+    def with_states(self, states: Mapping[str, State]) -> Round:
+        """The round with other states of some causes, by code."""
+        return self.replace(candidates=tuple(
+            c.replace(state=states.get(c.code, c.state)) for c in self.candidates))
 
-@dataclass(frozen=True)
-class Facts:
-    """Numbers that the rules of a verdict compare, and the causes it reports; see `FACTS` for their meanings.
+
+class Facts(Shape):
+    """Numbers that the rules of a verdict compare, and the causes it reports.
 
     Log likelihoods are natural; errors of free runs are in the unit of the gain.
     """
 
-    faults: tuple[str, ...] = ()
-    by_model: tuple[str, ...] = ()
-    causes: tuple[str, ...] = ()
-    between: tuple[str, ...] = ()
-    strongest: str = ""
-    hardly: tuple[str, ...] = ()
-    unasked: str = ""
-    gained: float = 0.0
-    left: float = 0.0
-    left_time: float = 0.0
-    repeats: bool = False
-    before: float = 1.0
-    after: float = 1.0
-    scatter: float = 0.0
-    floor: float = 0.0
-    by_noise: float | None = None
-    left_percent: float = 0.0
-    torque_noise: float = 0.0
-    load_changes: int = 0
-    by_speed: float | None = None
-    other_values: bool = False
+    faults: Annotated[tuple[str, ...], Meta(description="causes that lie in the records")] = ()
+    by_model: Annotated[tuple[str, ...], Meta(
+        description="faults identifiable only with the fitted drive, which may lack an effect")] = ()
+    causes: Annotated[tuple[str, ...], Meta(description="laws that were found")] = ()
+    between: Annotated[tuple[str, ...], Meta(description="laws found that have rivals, and the rivals")] = ()
+    strongest: Annotated[str, Meta(description="the law with the largest evidence")] = ""
+    hardly: Annotated[tuple[str, ...], Meta(
+        description="laws with a gain on held-out blocks below two standard errors, except clear events")] = ()
+    unasked: Annotated[str, Meta(
+        description="a cause that explains the records but was not among the requested candidates")] = ""
+    gained: Annotated[float, Meta(description="log likelihood gained on held-out data")] = 0.0
+    left: Annotated[float, Meta(description="log likelihood that the residual tests of the one-step prediction "
+                                            "errors gain beyond chance")] = 0.0
+    left_time: Annotated[float, Meta(
+        description="the same by separate parameters for each half of the records")] = 0.0
+    repeats: Annotated[bool, Meta(
+        description="whether one-step prediction errors of the last fit are correlated")] = False
+    before: Annotated[float, Meta(description="rms free-run error on held-out data without the laws found, fitted "
+                                              "to the same samples")] = 1.0
+    after: Annotated[float, Meta(description="rms free-run error on held-out data with the laws found")] = 1.0
+    scatter: Annotated[float, Meta(
+        description="uncertainty of the difference of these errors, from their scatter over blocks")] = 0.0
+    floor: Annotated[float, Meta(description="noise of the sensor alone, in the same unit")] = 0.0
+    by_noise: Annotated[float | None, Meta(description="free-run error that the model's own noise causes; none "
+                                                       "where the noise cannot mask a law")] = None
+    left_percent: Annotated[float, Meta(description="`left` in per cent of what could be explained")] = 0.0
+    torque_noise: Annotated[float, Meta(description="std of the torque noise over the std of the torque")] = 0.0
+    load_changes: Annotated[int, Meta(description="instants at which a load changes")] = 0
+    by_speed: Annotated[float | None, Meta(description="share of these loads' variance that a function of speed "
+                                                       "explains; none with fewer than two")] = None
+    other_values: Annotated[bool, Meta(description="whether held-out records need other parameter values")] = False
 
-    def plain(self) -> dict[str, object]:
-        """By name, as files have them."""
-        return {n: list(v) if isinstance(v, tuple) else v for n, v in asdict(self).items()}
 
-
-@dataclass(frozen=True)
-class Diagnosis:
-    """The outcome.
+class Diagnosis(DiagnosisSection, kw_only=True):
+    """The outcome; its candidates are those of its rounds.
 
     estimate    the extended and refitted drive; the base where nothing was found
     verdict     nothing-found, named, undetermined (see between) or unexplained
-    causes      codes in the order found; between: codes that explain the record equally well
-    closest     where it is unexplained, the catalogue causes of the extended drive: perhaps part of the answer
-    experiment  the experiment that would decide, or detect a smaller effect
-    evidence    log10 of the evidence for every cause
-    gain        from the base to the extended drive
-    sentence    the verdict for a plant engineer
-    rule        the line of the table of rules that decided; facts: the numbers it compared
+    facts       the numbers that the rule compared
     """
 
     estimate: Estimate
-    verdict: Verdict
-    causes: tuple[str, ...]
-    between: tuple[str, ...]
-    experiment: str
-    evidence: Mapping[str, float]
     gain: Gain
     rounds: tuple[Round, ...]
-    sentence: str
-    exhibits: tuple[PlotData, ...] = ()
-    closest: tuple[str, ...] = ()
-    rule: str = ""
     facts: Facts = Facts()
+    exhibits: tuple[PlotData, ...] = ()

@@ -1,4 +1,6 @@
 from .absence import law_of as law_of, needs_of as needs_of, why_absent as why_absent
+from .candidate_fit import CandidateFit as CandidateFit
+from .candidate_report import tested_state as tested_state
 from .decision import Decision as Decision, decide as decide
 from .result import (
     Base as Base,

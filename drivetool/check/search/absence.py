@@ -13,7 +13,7 @@ from drivetool.quantity import owner_of, quantity_of
 def why_absent(cause: Cause, base: Model) -> tuple[State, str]:
     """Why a cause has no starts: the model has it, or it is not identifiable here."""
     if cause.absent is not None:
-        return cause.absent(base)
+        return cause.absent
     effect, drive = _effect(cause), base.task.drive
     owners = {"motor": drive.bodies[:1], "load": drive.bodies[1:]}.get(cause.end)
     names = [n for n in drive.quantities if effect is not None and quantity_of(n) in effect.present
@@ -30,14 +30,12 @@ def needed(cause: Cause) -> str:
 
 def needs_of(cause: Cause) -> str:
     """What a record must contain to identify a cause."""
-    effect = _effect(cause)
-    return cause.needs if effect is None else effect.needs
+    return (_effect(cause) or cause).needs
 
 
 def law_of(cause: Cause) -> str:
     """The equation of a cause."""
-    effect = _effect(cause)
-    return cause.law if effect is None else effect.law
+    return (_effect(cause) or cause).law
 
 
 def _effect(cause: Cause) -> Effect | None:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
@@ -18,6 +18,7 @@ from drivetool.check.fit import (
     Model,
     added_parameters,
     fit,
+    on_task,
     third_mass_of,
     transferred_point,
 )
@@ -33,7 +34,7 @@ from drivetool.check.search.prepared_start import (
     with_cause_bounds,
 )
 from drivetool.identify.laws import third_mass_names
-from drivetool.identify.setup import Task, problem_of
+from drivetool.identify.setup import Task
 from drivetool.quantity import quantity_of, with_parts
 
 # A choice: one start may end in a worse optimum, each further one costs a full fit.
@@ -51,19 +52,20 @@ OTHER_KIND_LEAD_SHARE = 0.7
 
 
 @dataclass(frozen=True)
-class Screened:
-    """A cause and where its fits may start.
+class CandidateFit:
+    """A cause on top of a node: where its fits may start, or its fit to all training samples.
 
-    prepared_starts  the largest expected gain first
+    model            None if there was nothing to fit, or every fit failed: `absent` says which, `reason` why
     smallest         standard deviation of each amplitude, of the lag for a bandwidth: what the record resolves
-    absent           why there is nothing to fit, with its reason; None: there is
+    prepared_starts  the largest expected gain first
     """
 
     cause: Cause
-    prepared_starts: tuple[PreparedStart, ...] = ()
-    smallest: Mapping[str, float] = ()
+    model: Model | None = None
+    smallest: Mapping[str, float] = field(default_factory=dict)
     absent: State | None = None
     reason: str = ""
+    prepared_starts: tuple[PreparedStart, ...] = ()
 
     @property
     def expected_gain(self) -> float:
@@ -71,22 +73,7 @@ class Screened:
         return max((b.expected_gain for b in self.prepared_starts), default=-np.inf)
 
 
-@dataclass(frozen=True)
-class CandidateFit:
-    """A cause after its fit to all training samples.
-
-    model     None if there was nothing to fit, or every fit failed: `absent` says which, `reason` why
-    smallest  as of Screened
-    """
-
-    cause: Cause
-    model: Model | None
-    smallest: Mapping[str, float]
-    reason: str = ""
-    absent: State | None = None
-
-
-def screen(cause: Cause, references: Sequence[ReferenceModel], masks: Masks) -> Screened:
+def screen(cause: Cause, references: Sequence[ReferenceModel], masks: Masks) -> CandidateFit:
     """Where the fits of a cause may start on top of reference models; the first is the node's own model."""
     found, resolved, reason = [], {}, ""
     for place, reference in enumerate(references):
@@ -104,18 +91,18 @@ def screen(cause: Cause, references: Sequence[ReferenceModel], masks: Masks) -> 
                 reason = f"every fit failed: {error}"
         if place == 0:
             if not starts:
-                state, why = why_absent(cause, reference.model)
-                return Screened(cause, (), {}, state, why)
+                return CandidateFit(cause, None, {}, *why_absent(cause, reference.model))
             resolved = detection_limits(reference.model, cause, [b.std for b in each])
         found += each
     if not found:
-        return Screened(cause, (), resolved, "failed", reason)
+        return CandidateFit(cause, None, resolved, "failed", reason)
     if resolved and not any(np.isfinite(v) for v in resolved.values()):
-        return Screened(cause, (), resolved, "not-shown", needed(cause))
-    return Screened(cause, tuple(sorted(found, key=lambda b: -b.expected_gain)), resolved)
+        return CandidateFit(cause, None, resolved, "not-shown", needed(cause))
+    return CandidateFit(
+        cause, smallest=resolved, prepared_starts=tuple(sorted(found, key=lambda b: -b.expected_gain)))
 
 
-def attempt(screened: Screened, base: Model, masks: Masks, more: Iterable[Model] = (),
+def attempt(screened: CandidateFit, base: Model, masks: Masks, more: Iterable[Model] = (),
             goal: float = np.inf) -> CandidateFit:
     """A cause fitted from its best starts, the best ends to convergence. A fit that fails is a result.
 
@@ -147,12 +134,12 @@ def attempt(screened: Screened, base: Model, masks: Masks, more: Iterable[Model]
     if not finished:
         # Without a start that is worth a fit, no fit has failed.
         return CandidateFit(cause, None, screened.smallest,
-                            *((f"its fit failed: {reason}", "failed") if starts else ()))
+                            *(("failed", f"its fit failed: {reason}") if starts else ()))
     best = min(finished, key=lambda m: m.value)
     return screened_for_significance(CandidateFit(cause, best, screened.smallest), base)
 
 
-def _select_starts(screened: Screened, max_per_kind: int) -> list[PreparedStart]:
+def _select_starts(screened: CandidateFit, max_per_kind: int) -> list[PreparedStart]:
     """The starts that are worth a fit: of each kind, on each reference model, the largest expected gains."""
     chosen: dict[tuple[object, ...], list[PreparedStart]] = {}
     for b in screened.prepared_starts:
@@ -181,9 +168,7 @@ def _select_ends(ends: Sequence[Model], base: Model, multimodal: bool) -> list[M
 
 def refitted(model: Model, task: Task, base: Model, masks: Masks, most: int = MAX_FIT_ITERATIONS) -> Model:
     """A cause fitted with other parameters free, from its own estimate; base: lacks it, most: iterations."""
-    problem = with_cause_bounds(problem_of(task.drive, task.free, task.roles, model.problem.traces), base, task)
-    return fit(replace(model, task=task, problem=problem, point=transferred_point(model, task, problem)), masks,
-               max_iterations=most)
+    return fit(with_cause_bounds(on_task(model, task), base), masks, max_iterations=most)
 
 
 def as_special_case(simple: CandidateFit, general: CandidateFit, base: Model, masks: Masks) -> CandidateFit:

@@ -8,11 +8,10 @@ from dataclasses import replace
 import numpy as np
 
 from drivetool.check.causes import Cause
-from drivetool.check.fit import FIT_ERRORS, Model, amplitude_std, linear_step, transferred_point
+from drivetool.check.fit import FIT_ERRORS, Model, amplitude_std, linear_step, on_task
 from drivetool.check.starts import largest_torque
 from drivetool.identify.noise import filtered_normal_equations
 from drivetool.identify.problem import Normal, Point
-from drivetool.identify.setup import problem_of
 from drivetool.quantity import owner_of, quantity_of
 
 # Standard deviations at the base that an amplitude needs to be detected: half their square, 18, is the lead in log
@@ -83,17 +82,15 @@ def _trace_stds(cause: Cause, base: Model, variance: float | None = None) -> dic
     """
     if cause.trace is None:
         return {}
-    start = cause.trace(base)
-    task = start.task
-    problem = problem_of(task.drive, task.free, task.roles, base.problem.traces)
-    point = transferred_point(base, task, problem)
+    small = on_task(base, cause.trace(base).task)
+    problem, free = small.problem, small.task.free
     try:
-        normal = filtered_normal_equations(problem, point, base.noise)
+        normal = filtered_normal_equations(problem, small.point, base.noise)
         if variance is not None:
             normal = replace(normal, cost=variance * (problem.count - problem.unknowns))
-        _, std, _ = linear_step(problem, normal, np.ones(len(task.free), bool))
+        _, std, _ = linear_step(problem, normal, np.ones(len(free), bool))
     except FIT_ERRORS:
         return {}
-    new = {n: j for j, n in enumerate(task.free) if n not in base.task.free}
-    return {n: float(std[j] / point.values[j] ** 2 if quantity_of(n) == "bandwidth" else std[j])
+    new = {n: j for j, n in enumerate(free) if n not in base.task.free}
+    return {n: float(std[j] / small.point.values[j] ** 2 if quantity_of(n) == "bandwidth" else std[j])
             for n, j in new.items()}

@@ -17,7 +17,7 @@ from drivetool.check.fit import (
     run_residual_tests,
 )
 from drivetool.check.heldout import score
-from drivetool.check.outcome import CandidateResult, Round
+from drivetool.check.outcome import Round
 from drivetool.check.search.decision import TIE_GAIN_SHARE
 from drivetool.check.search.heldout_test import free_runs_worse_beyond_scatter
 from drivetool.check.search.result import Base, SelectedCauses, gain_between
@@ -46,7 +46,7 @@ def run_exchange_pass(search: ForwardSelection, path: Sequence[Expansion]) -> Re
         last.causes, {c: _open_rivals(c, e, last) for c, e in steps.items()},
         {c: e.decision.evidence for c, e in steps.items()}, last.added, last.gained,
         frozenset(s.model.code for e in steps.values() for s in e.scores if s.sure))
-    reassessed = ReassessedCauses(last, found, tuple(e.round for e in path))
+    reassessed = ReassessedCauses(last, found, tuple(e.round(n) for n, e in enumerate(path, 1)))
     for code in last.causes:
         if code == last.causes[-1] and reassessed.found.causes == last.causes:
             break  # it was found on top of exactly these causes
@@ -186,10 +186,10 @@ def _exchanged(reassessed: ReassessedCauses, code: str, again: Expansion,
     between = tuple(r for r in again.decision.between if r != name and r not in found.causes)
     found = replace(found, rivals={**found.rivals, name: between}, sure=consistent,
                     evidence={**found.evidence, name: again.decision.evidence})
-    candidates = [replace(c, reason=c.reason or REASSESSED_REASON) for c in again.lines]
+    candidates = [c.replace(reason=c.reason or REASSESSED_REASON) for c in again.lines]
     seen = {c.code for c in candidates}
-    rounds = tuple(one if one.cause != code else Round(
-        name, (*candidates, *(c for c in one.candidates if c.code not in seen)), again.stage)
+    rounds = tuple(one if one.cause != code else one.replace(
+        cause=name, candidates=(*candidates, *(c for c in one.candidates if c.code not in seen)), gain=again.stage)
                    for one in reassessed.rounds)
     node = replace(child, causes=found.causes, added=found.added, gained=reassessed.node.gained)
     return ReassessedCauses(node, found, rounds)
@@ -199,17 +199,13 @@ def _round_of_special_case(one: Round, code: str, simple: str) -> Round:
     """A round whose cause was reduced to a special case."""
     if one.cause != code:
         return one
-    state = {code: "worse", simple: "named"}
-    return replace(one, cause=simple, candidates=tuple(
-        replace(c, state=state.get(c.code, c.state)) for c in one.candidates))
+    return one.with_states({code: "worse", simple: "named"}).replace(cause=simple)
 
 
 def _round_without_rivals(one: Round, code: str, gone: set[str]) -> Round:
     """The round of a cause without its former rivals; the cause is named where no rival is left."""
     if one.cause != code or not gone:
         return one
-    candidates: list[CandidateResult] = [
-        replace(c, state="worse") if c.code in gone and c.state == "possible" else c for c in one.candidates]
-    tied = [c.code for c in candidates if c.state == "possible"]
-    return replace(one, candidates=tuple(
-        replace(c, state="named") if [c.code] == tied and c.code == code else c for c in candidates))
+    tied = {c.code for c in one.candidates if c.state == "possible"}
+    return one.with_states(dict.fromkeys(tied & gone, "worse") | (
+        {code: "named"} if tied - gone == {code} else {}))

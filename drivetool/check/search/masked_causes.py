@@ -85,9 +85,9 @@ def _forced_expansion(search: ForwardSelection, code: str, before: Expansion) ->
     held_out_score = score(candidate.model, base.model, base.folds, search.split)
     added = tuple(n for n in candidate.model.task.free if n not in root.model.task.free)
     child = Node((code,), candidate.model, held_out_score.trained, {code: added}, max(held_out_score.gain, 0.0))
-    own = CandidateResult(code, law_of(cause), "named", parameters=fitted_parameters(candidate.model, root.model),
-                          reason=JOINT_REASON)
-    others = tuple(replace(c, state="worse") if c.state in ("named", "possible") else c
+    own = CandidateResult(code, "named", law=law_of(cause),
+                          parameters=fitted_parameters(candidate.model, root.model), reason=JOINT_REASON)
+    others = tuple(c.replace(state="worse") if c.state in ("named", "possible") else c
                    for c in before.lines if c.code != code)
-    return Expansion(root, (candidate,), (held_out_score,), Decision(held_out_score, (code,), 0.0), (own, *others),
-                     child, gain_between(base, held_out_score.trained, search.split))
+    return Expansion(root, (held_out_score,), Decision(held_out_score, (code,), 0.0), (own, *others), child,
+                     gain_between(base, held_out_score.trained, search.split))

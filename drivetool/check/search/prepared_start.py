@@ -15,14 +15,12 @@ from drivetool.check.fit import (
     initial_noise,
     linear_step,
     masked_loss,
-    transferred_point,
-    unfitted,
+    on_task,
 )
 from drivetool.check.starts import Start
 from drivetool.drive.simulation import ObserverGains
 from drivetool.identify.noise import filtered, filtered_normal_equations, with_disturbance_state
 from drivetool.identify.problem import Point, Problem, marquardt_step
-from drivetool.identify.setup import Task, problem_of
 
 
 @dataclass(frozen=True)
@@ -49,7 +47,6 @@ class PreparedStart:
     reference      number of its reference model
     """
 
-    cause: Cause
     model: Model
     expected_gain: float
     std: Mapping[str, float]
@@ -92,8 +89,8 @@ def prepare_start(reference: ReferenceModel, cause: Cause, start: Start, masks: 
     the noise of the reference may be far from that of the start: it is re-estimated there.
     """
     own, task = reference.model, start.task
-    problem = with_cause_bounds(problem_of(task.drive, task.free, task.roles, own.problem.traces), own, task)
-    model = unfitted(cause.code, task, problem, transferred_point(own, task, problem), own.noise)
+    model = with_cause_bounds(replace(on_task(own, task), code=cause.code, value=np.inf), own)
+    problem = model.problem
     if start.amplitudes and problem.states == reference.states:
         value, normal = own.value, problem.with_memory(own.noise.memory).normal(
             with_disturbance_state(model.point, own.noise), reference.gains)
@@ -105,7 +102,7 @@ def prepare_start(reference: ReferenceModel, cause: Cause, start: Start, masks: 
     step, std, gain = linear_step(problem, normal, moves)
     expected_gain = own.value - value + log_gain(gain, problem) - reference.own_gain
     if not start.amplitudes:
-        return PreparedStart(cause, model, expected_gain if np.isfinite(expected_gain) else -np.inf, {})
+        return PreparedStart(model, expected_gain if np.isfinite(expected_gain) else -np.inf, {})
     amplitudes = np.array([n in start.amplitudes and cause.has(n) for n in task.free])
     std = np.where(amplitudes, amplitude_std(problem, normal, amplitudes, moves & ~amplitudes), std)
     values = model.point.values.copy()
@@ -114,7 +111,7 @@ def prepare_start(reference: ReferenceModel, cause: Cause, start: Start, masks: 
     if np.all(values[at] == problem.low[at]):
         expected_gain = 0.0
     whole = problem.moved(model.point, *marquardt_step(problem, model.point, normal, 1e-9, ~moves))
-    return PreparedStart(cause, replace(model, point=Point(values, model.point.starts)), expected_gain,
+    return PreparedStart(replace(model, point=Point(values, model.point.starts)), expected_gain,
                          {n: float(std[j]) for n, j in zip(start.amplitudes, at, strict=True)}, whole)
 
 
@@ -142,12 +139,12 @@ def log_gain(gain: float, problem: Problem) -> float:
     return -0.5 * degrees * float(np.log1p(-share)) if share < 1.0 else -np.inf
 
 
-def with_cause_bounds(problem: Problem, base: Model, task: Task) -> Problem:
-    """The problem of a task within the bounds that the causes set, see their files; base: lacks them."""
-    low, high = problem.low.copy(), problem.high.copy()
+def with_cause_bounds(model: Model, base: Model) -> Model:
+    """The model within the bounds that the causes set, see their files; base: lacks them."""
+    task, low, high = model.task, model.problem.low.copy(), model.problem.high.copy()
     for cause in (c for c in FITTED if c.bounds is not None):
         for name, (least, most) in cause.bounds(base, task).items():
             if name in task.free:
                 j = task.free.index(name)
                 low[j], high[j] = max(low[j], least), min(high[j], most)
-    return replace(problem, low=low, high=high)
+    return replace(model, problem=replace(model.problem, low=low, high=high))

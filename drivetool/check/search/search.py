@@ -31,7 +31,6 @@ from drivetool.check.outcome import CandidateResult, DiagnoseOptions, Gain, Roun
 from drivetool.check.search.candidate_fit import (
     MIN_GAIN_SHARE,
     CandidateFit,
-    Screened,
     as_special_case,
     attempt,
     screen,
@@ -80,17 +79,15 @@ class Expansion:
     """The expansion of a node: the causes fitted on top of it, their scores, and the next node if there is one."""
 
     node: Node
-    tried: tuple[CandidateFit, ...]
     scores: tuple[Score, ...]
     decision: Decision
     lines: tuple[CandidateResult, ...]
     child: Node | None = None
     stage: Gain | None = None
 
-    @property
-    def round(self) -> Round:
+    def round(self, number: int) -> Round:
         """As it is reported."""
-        return Round(self.child.causes[-1] if self.child else None, self.lines, self.stage)
+        return Round(number, self.child.causes[-1] if self.child else None, candidates=self.lines, gain=self.stage)
 
 
 class ForwardSelection:
@@ -192,7 +189,7 @@ class ForwardSelection:
         lines = candidate_results([t for t in candidates if t.cause.code in self.wanted], scores, decision,
                                   node.model,
                                   node.gained, rejected)
-        expansion = Expansion(node, tuple(candidates), tuple(scores), decision, lines)
+        expansion = Expansion(node, tuple(scores), decision, lines)
         if decision.best is None:
             return expansion
         child = self._child(node, decision.best)
@@ -227,8 +224,7 @@ class ForwardSelection:
                     if s.prepared_starts:
                         fitted[s.cause.code] = attempt(s, node.model, self.masks, own[s.cause.code])
         self._special_cases(node, fitted)
-        return [fitted.get(s.cause.code) or CandidateFit(s.cause, None, s.smallest, s.reason, s.absent)
-                for s in screened]
+        return [fitted.get(s.cause.code, s) for s in screened]
 
     def _fully_explained(self, node: Node, fitted: Iterable[CandidateFit]) -> bool:
         """Whether the likeliest of some causes, or the node itself, leaves residuals that noise explains."""
@@ -296,7 +292,7 @@ class ForwardSelection:
                     {**kept, model.code: added}, node.gained + gain)
 
 
-def _shortlist(screened: Sequence[Screened]) -> list[Screened]:
+def _shortlist(screened: Sequence[CandidateFit]) -> list[CandidateFit]:
     """The causes that are worth a fit, the largest expected gain first."""
     # A scan over the whole record costs the log of its number of values.
     expected_gain = {s.cause.code: s.expected_gain for s in screened if s.prepared_starts}

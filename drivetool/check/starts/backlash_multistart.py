@@ -24,14 +24,12 @@ from drivetool.check.fit import (
     gauss_newton_iterations,
     initial_noise,
     masked_loss,
-    transferred_point,
-    unfitted,
+    on_task,
 )
 from drivetool.check.starts.base import is_present, start_with, torque_size
 from drivetool.identify.identifiability import load_inertia_ratio
 from drivetool.identify.noise import fit_innovations, refit_with_tight_tolerance
-from drivetool.identify.problem import Point
-from drivetool.identify.setup import Outcome, Task, problem_of
+from drivetool.identify.setup import Outcome, Task
 from drivetool.identify.starts import MAX_AGREEING_LOSS, log_likelihood_distance
 from drivetool.quantity import name_of
 
@@ -137,10 +135,7 @@ def _scaled_start(model: Model, task: Task, scale: float, gap_scale: float) -> M
     moved = (scale - 1.0) * drive.value(name_of(last, "inertia")) / drive.gear_ratios()[-1] ** 2
     values |= {name_of(first, "inertia"): drive.value(name_of(first, "inertia")) - moved,
                name_of(shaft, "half_gap"): gap_scale * drive.value(name_of(shaft, "half_gap"))}
-    task = task.at({n: v for n, v in values.items() if n in task.free})
-    problem = problem_of(task.drive, task.free, task.roles, model.problem.traces)
-    point = Point(transferred_point(model, task, problem).values, model.point.starts)
-    return unfitted(model.code, task, problem, point, model.noise)
+    return on_task(model, task.at({n: v for n, v in values.items() if n in task.free}))
 
 
 def _two_stage_fits(starts: Iterable[Model], base: Model, masks: Masks,

@@ -13,9 +13,7 @@ from drivetool.check.fit import (
     all_samples,
     gauss_newton_iterations,
     masked_loss,
-    may_have_third_mass,
-    transferred_point,
-    unfitted,
+    on_task,
     with_end_mass,
     with_intermediate_mass,
     with_large_end_mass,
@@ -24,7 +22,7 @@ from drivetool.drive import state_space
 from drivetool.identify.backlash import local_minima
 from drivetool.identify.laws import third_mass_names, third_mass_score_test
 from drivetool.identify.noise import Noise, filtered
-from drivetool.identify.setup import Task, problem_of
+from drivetool.identify.setup import Task
 
 # Frequencies over that of the first resonance. A choice: a third mass far below or above is not identifiable.
 THIRD_MASS_FREQUENCY_RATIOS = np.geomspace(0.4, 8.0, 14)
@@ -63,9 +61,9 @@ def likely_end_masses(base: Model) -> list[Task]:
     With a large share split off the fit would start thousands of units of log likelihood below the base,
     and end in any optimum. A small one hardly changes the motion. One linear step, its inertia, stiffness and
     damping in proportion, predicts its size.
+
+    base  of a drive that may have a third mass
     """
-    if not may_have_third_mass(base.task.drive):
-        return []
     found = []
     for times in THIRD_MASS_FREQUENCY_RATIOS:
         task = with_end_mass(base, TRACE_INERTIA_SHARE, times, TRACE_DAMPING_RATIO)
@@ -79,8 +77,6 @@ def likely_end_masses(base: Model) -> list[Task]:
 
 def likely_large_end_masses(base: Model) -> list[Task]:
     """Large third masses that are likeliest after a few steps; a small one may not grow to them."""
-    if not may_have_third_mass(base.task.drive):
-        return []
     tasks = [with_large_end_mass(base, LARGE_INERTIA_SHARE, ratio, LARGE_DAMPING_RATIO)
              for ratio in THIRD_MASS_FREQUENCY_RATIOS]
     return _after_steps(base, [task for task in tasks if task is not None])
@@ -91,7 +87,7 @@ def likely_intermediate_masses(base: Model) -> list[Task]:
 
     Without such a sensor a body in front of the last and one behind it are not distinguishable.
     """
-    if not may_have_third_mass(base.task.drive) or not any(r.startswith("load_") for r in base.task.roles.outputs):
+    if not any(r.startswith("load_") for r in base.task.roles.outputs):
         return []
     return _after_steps(base,
                         [with_intermediate_mass(base, share, twist_share) for share in INTERMEDIATE_INERTIA_SHARES
@@ -102,12 +98,9 @@ def _after_steps(base: Model, tasks: Sequence[Task]) -> list[Task]:
     """The tasks that are likeliest after a few steps, with the values reached."""
     found = []
     for task in tasks:
-        problem = problem_of(task.drive, task.free, task.roles, base.problem.traces)
+        start = on_task(base, task)
         try:
-            model = gauss_newton_iterations(unfitted(base.code, task, problem,
-                                                     transferred_point(base, task, problem),
-                                                     base.noise),
-                                            all_samples(base.problem), COMPARISON_STEPS)
+            model = gauss_newton_iterations(start, all_samples(base.problem), COMPARISON_STEPS)
         except FIT_ERRORS:
             continue
         found.append((model.value, len(found), model.fitted))
@@ -116,10 +109,10 @@ def _after_steps(base: Model, tasks: Sequence[Task]) -> list[Task]:
 
 def _linear_growth(base: Model, task: Task) -> tuple[float, float]:
     """(log likelihood over the base after a linear step, relative growth of the third mass in it)."""
-    problem = problem_of(task.drive, task.free, task.roles, base.problem.traces)
-    point = transferred_point(base, task, problem)
-    gain, growth = third_mass_score_test(problem, point, base.noise, third_mass_names(base.task.drive))
-    return gain - masked_loss(problem, point, base.noise, all_samples(problem)), growth
+    split = on_task(base, task)
+    at = split.problem, split.point, base.noise
+    gain, growth = third_mass_score_test(*at, third_mass_names(base.task.drive))
+    return gain - masked_loss(*at, all_samples(split.problem)), growth
 
 
 def likely_orders(base: Model) -> list[float]:

@@ -15,15 +15,15 @@ from drivetool.check.validation.coast_down_comparison import (
     compare_coast_down,
     with_parameter_errors,
 )
-from drivetool.check.validation.result import ValidateOptions, Validation
+from drivetool.check.validation.result import ValidateOptions, Validation, named_pairs
 from drivetool.check.validation.sections import CheckSection
 from drivetool.drive import Drive
-from drivetool.errors import BadOption, NotEnoughData
+from drivetool.errors import BadOption
 from drivetool.finding import Finding
 from drivetool.identify.coast_down import Stretch, coast_down_assumed, stretches_of
 from drivetool.identify.estimate import Covariance, PlotData, fit_percent, fit_text, record_picture
 from drivetool.identify.setup import KnownStart
-from drivetool.logs import Experiment, number_duplicates
+from drivetool.logs import Experiment
 from drivetool.quantity import RPM_PER_RAD_S
 
 # Ratio to the rmse of quantisation alone. A uniform error over 1000 samples has an rmse that is known to 1.4 %.
@@ -65,19 +65,15 @@ def validate_coast_down(experiments: Sequence[Experiment], models: Sequence[Coas
                  state or segments
     source       "Mechanical Parameter Estimation of an Induction Motor for a Digital Twin Using Coast-Down Data"
     """
-    if not experiments or not models:
-        raise NotEnoughData("at least one recording and one model", f"{len(experiments)} and {len(models)}",
-                            "Name a log file, and a parameter file after --params.")
+    files, named = named_pairs(experiments, [m.name for m in models], fitted_on)
     if options.start != KnownStart() or options.segment:
         raise BadOption("no --start and no --segment with a coast-down", "one of them",
                         "Leave it out: the start of every coast-down is fitted.")
-    seen = [frozenset(hashes) for hashes in fitted_on] or [frozenset()] * len(models)
-    files, names = number_duplicates([e.name for e in experiments]), number_duplicates([m.name for m in models])
     off = [[s for s in stretches_of([e], options.flux_decay or 0.0) if s.off] for e in experiments]
     checks: list[CheckSection] = []
     findings: list[Finding] = []
     exhibits: list[PlotData] = []
-    for name, model, hashes in zip(names, models, seen, strict=True):
+    for (name, hashes), model in zip(named, models, strict=True):
         model.drive.require(model.drive.missing(), "a simulation")
         findings += _ratios_finding(name) if model.ratios else []
         for file, e, stretches in zip(files, experiments, off, strict=True):
@@ -89,7 +85,7 @@ def validate_coast_down(experiments: Sequence[Experiment], models: Sequence[Coas
                 findings += [*remarks.fit_findings(check, options), *_unexplained_findings(check)]
             exhibits.append(_plot(e, runs, mine[-1]))
     findings += coast_down_assumed(experiments)
-    unseen = any(e.sha256 not in hashes for hashes in seen for e in experiments)
+    unseen = any(e.sha256 not in hashes for _, hashes in named for e in experiments)
     return Validation(tuple(checks), _verdict(checks, unseen), tuple(findings),
                       tuple(e.source for e in experiments), {}, tuple(exhibits))
 

@@ -10,13 +10,12 @@ from drivetool.check.validation import remarks
 from drivetool.check.validation.correlation import Correlation, correlate, whiteness
 from drivetool.check.validation.freerun import drift_findings, noise_limit_findings
 from drivetool.check.validation.replay import Replay, replay, resonances, start_state_findings
-from drivetool.check.validation.result import ValidateOptions, Validation
+from drivetool.check.validation.result import ValidateOptions, Validation, named_pairs
 from drivetool.check.validation.sections import CheckSection
 from drivetool.drive import Drive
-from drivetool.errors import NotEnoughData
 from drivetool.finding import Finding
 from drivetool.identify.estimate import Covariance, PlotData, fit_percent, fit_text, only_rounding, record_picture
-from drivetool.logs import Experiment, number_duplicates
+from drivetool.logs import Experiment
 
 SimulatedModel = tuple[str, Drive, Mapping[str, float]]
 
@@ -37,21 +36,16 @@ def validate(experiments: Sequence[Experiment], models: Sequence[SimulatedModel]
     source       fit: Ostring et al. 2003; residual against input: Ljung 1999, sec. 16.6, and
                  correlation.py
     """
-    if not experiments or not models:
-        raise NotEnoughData("at least one recording and one model", f"{len(experiments)} and {len(models)}",
-                            "Name a log file, and a parameter file after --params.")
+    files, named = named_pairs(experiments, [name for name, *_ in models], fitted_on)
     for _, drive, _ in models:
         drive.require(drive.missing(), "a simulation")
-    seen = [frozenset(hashes) for hashes in fitted_on] or [frozenset()] * len(models)
-    files, names = number_duplicates([e.name for e in experiments]), number_duplicates([name
-                                                                                        for name, _, _ in models])
     checks: list[CheckSection] = []
     findings: list[Finding] = []
     limited: list[CheckSection] = []
     to_rounding: list[CheckSection] = []
     exhibits: list[PlotData] = []
-    for name, (_, drive, noise), hashes, covariance in zip(
-            names, models, seen, known or [None] * len(models), strict=True):
+    for (name, hashes), (_, drive, noise), covariance in zip(
+            named, models, known or [None] * len(models), strict=True):
         for file, experiment in zip(files, experiments, strict=True):
             run = replay(experiment, drive, noise, options.segment, options.start, covariance)
             rounded = [only_rounding(run.measured[:, m], run.simulated[:, m], run.inputs)
@@ -71,7 +65,7 @@ def validate(experiments: Sequence[Experiment], models: Sequence[SimulatedModel]
                 findings += remarks.residual_findings(check, correlation, options, check in to_rounding)
                 exhibits += _plots(experiment, run, m, check, correlation, options)
     findings += remarks.ranking_findings(checks)
-    unseen = [e.sha256 not in hashes for hashes in seen for e in experiments]
+    unseen = [e.sha256 not in hashes for _, hashes in named for e in experiments]
     return Validation(
         tuple(checks), remarks.verdict(checks, options, any(unseen), limited, to_rounding), tuple(findings),
         tuple(e.source for e in experiments), {}, tuple(exhibits),

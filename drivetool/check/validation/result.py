@@ -2,15 +2,16 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Literal
 
 from drivetool.check.validation.sections import CheckSection
+from drivetool.errors import NotEnoughData
 from drivetool.finding import Finding
 from drivetool.identify.estimate import PlotData
 from drivetool.identify.setup import KnownStart
-from drivetool.logs import Source
+from drivetool.logs import Experiment, Source, number_duplicates
 
 
 @dataclass(frozen=True)
@@ -34,6 +35,21 @@ class ValidateOptions:
     start: KnownStart = field(default_factory=KnownStart)
     criterion: Literal["simulation", "inverse", "coast-down"] = "simulation"
     flux_decay: float | None = None
+
+
+def named_pairs(experiments: Sequence[Experiment], models: Sequence[str], fitted_on: Sequence[Iterable[str]],
+                ) -> tuple[list[str], list[tuple[str, frozenset[str]]]]:
+    """(a name for each record; a name for each model, with the sha256 of the recordings its fit has seen).
+
+    models     by their names
+    fitted_on  per model, the sha256 of these recordings; none: they are not known
+    raises     NotEnoughData: no recording, or no model
+    """
+    if not experiments or not models:
+        raise NotEnoughData("at least one recording and one model", f"{len(experiments)} and {len(models)}",
+                            "Name a log file, and a parameter file after --params.")
+    seen = [frozenset(hashes) for hashes in fitted_on] or [frozenset()] * len(models)
+    return number_duplicates([e.name for e in experiments]), list(zip(number_duplicates(models), seen, strict=True))
 
 
 @dataclass(frozen=True)

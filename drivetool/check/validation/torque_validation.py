@@ -7,7 +7,7 @@ from collections.abc import Iterable, Sequence
 import numpy as np
 
 from drivetool.check.validation import remarks
-from drivetool.check.validation.result import ValidateOptions, Validation
+from drivetool.check.validation.result import ValidateOptions, Validation, named_pairs
 from drivetool.check.validation.sections import CheckSection
 from drivetool.drive import Drive
 from drivetool.errors import BadOption, NotEnoughData
@@ -16,7 +16,7 @@ from drivetool.identify.estimate import PlotData, fit_text
 from drivetool.identify.inverse import regression_of
 from drivetool.identify.motion import check_no_signal_path, torque_fit, torque_picture
 from drivetool.identify.setup import KnownStart, roles_of
-from drivetool.logs import Experiment, number_duplicates
+from drivetool.logs import Experiment
 
 
 def validate_torque(experiments: Sequence[Experiment], models: Sequence[tuple[str, Drive]],
@@ -31,18 +31,14 @@ def validate_torque(experiments: Sequence[Experiment], models: Sequence[tuple[st
     raises       BadOption: a path between torque and body, a start state or segments
     source       Gautier, Janot and Vandanjon 2013, cross validation of inverse dynamics
     """
-    if not experiments or not models:
-        raise NotEnoughData("at least one recording and one model", f"{len(experiments)} and {len(models)}",
-                            "Name a log file, and a parameter file after --params.")
+    files, named = named_pairs(experiments, [name for name, _ in models], fitted_on)
     if options.start != KnownStart() or options.segment:
         raise BadOption("free runs for --start and --segment", "--criterion inverse, which simulates no free runs",
                         "Leave them out, or --criterion.")
-    seen = [frozenset(hashes) for hashes in fitted_on] or [frozenset()] * len(models)
-    files, names = number_duplicates([e.name for e in experiments]), number_duplicates([name for name, _ in models])
     checks: list[CheckSection] = []
     findings: list[Finding] = []
     exhibits: list[PlotData] = []
-    for name, (_, drive), hashes in zip(names, models, seen, strict=True):
+    for (name, hashes), (_, drive) in zip(named, models, strict=True):
         drive.require(drive.missing(), "the torque that a motion requires")
         check_no_signal_path(drive, ())
         for file, e in zip(files, experiments, strict=True):
@@ -51,7 +47,7 @@ def validate_torque(experiments: Sequence[Experiment], models: Sequence[tuple[st
             exhibits.append(picture)
             findings += remarks.record_findings(e, experiments, hashes, check)
             findings += remarks.fit_findings(check, options, "The required torque fits")
-    unseen = any(e.sha256 not in hashes for hashes in seen for e in experiments)
+    unseen = any(e.sha256 not in hashes for _, hashes in named for e in experiments)
     return Validation(tuple(checks), _verdict(checks, unseen), tuple(findings),
                       tuple(e.source for e in experiments), {}, tuple(exhibits))
 

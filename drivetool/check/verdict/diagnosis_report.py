@@ -63,7 +63,9 @@ def diagnosis_of(search: SearchResult, before: Drive, options: DiagnoseOptions) 
         gain, estimate = search.total_gain(), estimate_of(search, before, options)
     if OUTSIDE_CATALOGUE in found.between:
         search = replace(search, rounds=tuple(
-            _with_possible_cause(one, one.cause) if one.cause in found.between else one for one in search.rounds))
+            one.with_states({c.code: "possible" for c in one.candidates
+                             if c.code == one.cause in found.between and c.state == "named"})
+            for one in search.rounds))
     task, causes = search.model.task, tuple(search.found.causes)
     lines = narrowband_findings(search.whole, gain.unit) if found.doubt or found.verdict == "unexplained" else []
     experiment = experiment_of(found.between, found.verdict, bool(task.drive.shafts), task.roles.outputs,
@@ -79,10 +81,10 @@ def diagnosis_of(search: SearchResult, before: Drive, options: DiagnoseOptions) 
         if found.rule == RECORDS_DIFFER_RULE:
             experiment, sentence = findings[-1].action, records_differ_text(search.change, search.model)
     return Diagnosis(
-        replace(estimate, findings=(*findings, *estimate.findings), outcome=sentence), found.verdict,
-        found.causes, found.between, experiment,
-        dict(search.found.evidence), gain, tuple(search.rounds), sentence, _plots(search, before, gain),
-        causes if found.verdict == "unexplained" else (), found.rule, facts)
+        found.verdict, sentence, found.causes, found.between, causes if found.verdict == "unexplained" else (),
+        experiment, dict(search.found.evidence), gain=gain, rounds=tuple(search.rounds), rule=found.rule,
+        facts=facts, estimate=replace(estimate, findings=(*findings, *estimate.findings), outcome=sentence),
+        exhibits=_plots(search, before, gain))
 
 
 def correlated_errors_finding(faults: Sequence[Fault]) -> Finding:
@@ -111,12 +113,6 @@ def change_findings(search: SearchResult) -> list[Finding]:
         "example with temperature or wear, or the model lacks an effect that the halves excite differently.",
         {"log_likelihood": float(search.left.time)},
         "Fit each half separately to find the parameter that changes, and record after warming up.")]
-
-
-def _with_possible_cause(one: Round, code: str) -> Round:
-    """The round with a cause no longer named but possible."""
-    return replace(one, candidates=tuple(
-        replace(c, state="possible") if c.code == code and c.state == "named" else c for c in one.candidates))
 
 
 def estimate_of(search: SearchResult, before: Drive, options: DiagnoseOptions) -> Estimate:

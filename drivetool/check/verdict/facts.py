@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from types import MappingProxyType
 from typing import TYPE_CHECKING
 
 from drivetool.check.causes import CAUSES
@@ -22,30 +20,6 @@ if TYPE_CHECKING:
 # Log likelihood on held-out data from which an event counts although only one block supports it. A choice: a
 # smaller one may be breakaway friction that has no candidate of its own.
 CLEAR_EVENT_GAIN = 50.0
-
-FACTS: Mapping[str, str] = MappingProxyType({
-    "faults": "causes that lie in the records",
-    "by_model": "faults identifiable only with the fitted drive, which may lack an effect",
-    "causes": "laws that were found",
-    "between": "laws found that have rivals, and the rivals",
-    "strongest": "the law with the largest evidence",
-    "hardly": "laws with a gain on held-out blocks below two standard errors, except clear events",
-    "unasked": "a cause that explains the records but was not among the requested candidates",
-    "gained": "log likelihood gained on held-out data",
-    "left": "log likelihood that the residual tests of the one-step prediction errors gain beyond chance",
-    "left_time": "the same by separate parameters for each half of the records",
-    "repeats": "whether one-step prediction errors of the last fit are correlated",
-    "before": "rms free-run error on held-out data without the laws found, fitted to the same samples",
-    "after": "rms free-run error on held-out data with the laws found",
-    "scatter": "uncertainty of the difference of these errors, from their scatter over blocks",
-    "floor": "noise of the sensor alone, in the same unit",
-    "by_noise": "free-run error that the model's own noise causes; none where the noise cannot mask a law",
-    "left_percent": "`left` in per cent of what could be explained",
-    "torque_noise": "std of the torque noise over the std of the torque",
-    "load_changes": "instants at which a load changes",
-    "by_speed": "share of these loads' variance that a function of speed explains; none with fewer than two",
-    "other_values": "whether held-out records need other parameter values",
-})
 
 
 def facts_of(search: SearchResult, estimate: Estimate) -> Facts:

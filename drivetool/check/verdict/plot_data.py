@@ -11,7 +11,7 @@ from collections.abc import Mapping, Sequence
 
 import numpy as np
 
-from drivetool.check.outcome import CandidateResult, Round
+from drivetool.check.outcome import Round
 from drivetool.check.verdict.reversals import reversal_plots, reversals_of
 from drivetool.check.verdict.view import View
 from drivetool.identify.estimate import PlotData
@@ -49,14 +49,14 @@ def diagnosis_plots(views: Sequence[View], inertia: float, rounds: Sequence[Roun
     found += [_error_over_time(view, noise_floor) for view in views]
     slow = [_missing_torque(view, inertia, LONG_SLOPE_TIME) for view in views]
     quick = [_missing_torque(view, inertia, SHORT_SLOPE_TIME) for view in views]
-    found += _missing_torque_over_speed(views, slow) + _missing_torque_over_torque(views, quick)
+    found += _missing_torque_over_speed_and_torque(views, slow, quick)
     found += _missing_torque_over_order(views, quick) + reversal_plots(views, reversals_of(views))
     return (*(each for each in found if each.curves), *candidate_plots(rounds))
 
 
 def candidate_plots(rounds: Sequence[Round]) -> tuple[PlotData, ...]:
     """The fitted candidates, a plot per round that has some."""
-    found = (_candidate_plot(n, one.candidates) for n, one in enumerate(rounds, 1))
+    found = map(_candidate_plot, rounds)
     return tuple(each for each in found if each.curves)
 
 
@@ -108,24 +108,19 @@ def _error_over_time(view: View, noise_floor: float | None) -> PlotData:
                     "time [s]", f"error of {view.words[0]} [{view.units[0]}]", curves)
 
 
-def _missing_torque_over_speed(views: Sequence[View],
-                               missing: Sequence[Mapping[str, np.ndarray]]) -> list[PlotData]:
-    """Missing torque over speed: shows the law of friction."""
-    curves = _bin_means([v.speed for v in views], missing)
-    units, torque = views[0].units, views[0].words[1]
-    return [PlotData("diagnosis-residual-speed", f"Unmodelled {torque} over speed",
-                     f"motor speed [{units[2]}/s]", f"missing {torque} [{units[1]}]", curves)]
-
-
-def _missing_torque_over_torque(
-        views: Sequence[View], missing: Sequence[Mapping[str, np.ndarray]]) -> list[PlotData]:
-    """Missing torque over the torque of the shaft, or of the motor where there is no shaft."""
+def _missing_torque_over_speed_and_torque(
+        views: Sequence[View], slow: Sequence[Mapping[str, np.ndarray]],
+        quick: Sequence[Mapping[str, np.ndarray]]) -> list[PlotData]:
+    """Missing torque over speed: shows the law of friction; over the torque of the shaft, or else of the motor."""
     shaft = all(v.shaft is not None for v in views)
-    values = [v.shaft if shaft else v.torque for v in views]
     units, torque = views[0].units, views[0].words[1]
-    return [PlotData("diagnosis-residual-torque", f"Unmodelled {torque} over {torque}",
-                     f"{'shaft' if shaft else 'motor'} {torque} [{units[1]}]", f"missing {torque} [{units[1]}]",
-                     _bin_means(values, missing))]
+    missing = f"missing {torque} [{units[1]}]"
+    return [
+        PlotData("diagnosis-residual-speed", f"Unmodelled {torque} over speed", f"motor speed [{units[2]}/s]",
+                 missing, _bin_means([v.speed for v in views], slow)),
+        PlotData("diagnosis-residual-torque", f"Unmodelled {torque} over {torque}",
+                 f"{'shaft' if shaft else 'motor'} {torque} [{units[1]}]", missing,
+                 _bin_means([v.shaft if shaft else v.torque for v in views], quick))]
 
 
 def _bin_means(values: Sequence[np.ndarray], missing: Sequence[Mapping[str, np.ndarray]]) -> Curves:
@@ -250,10 +245,10 @@ def _sample_interval(view: View) -> float:
     return float(np.median(np.diff(view.time)))
 
 
-def _candidate_plot(number: int, candidates: Sequence[CandidateResult]) -> PlotData:
+def _candidate_plot(one: Round) -> PlotData:
     """Held-out gain with its standard error; one curve (gain, std) per candidate that was fitted."""
-    fitted = sorted((c for c in candidates if c.gain is not None), key=lambda c: -c.gain)
+    fitted = sorted((c for c in one.candidates if c.gain is not None), key=lambda c: -c.gain)
     return PlotData(
-        "diagnosis-candidates", f"Round {number}: held-out gain of each cause", "log likelihood gained on "
+        "diagnosis-candidates", f"Round {one.round}: held-out gain of each cause", "log likelihood gained on "
         "data held out", "", {f"{c.code}: {c.state}": (
             np.array([c.gain]), np.array([c.gain_std if c.gain_std is not None else np.nan])) for c in fitted})

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 from drivetool.check.fit import MAX_RESIDUAL_GAIN, MAX_RESIDUAL_SHARE, residuals_large
 from drivetool.check.outcome import (
@@ -201,5 +201,4 @@ RULES: tuple[Rule, ...] = (
 def apply_rules(facts: Facts, rules: Sequence[Rule] = RULES) -> Judgement:
     """The verdict by the first rule that the facts meet; rules: the table, or one without some of its lines."""
     rule = next(r for r in rules if r.holds(facts))
-    judgement = rule.says(facts)
-    return Judgement(judgement.verdict, judgement.causes, judgement.between, judgement.doubt, rule.name)
+    return replace(rule.says(facts), rule=rule.name)

@@ -7,7 +7,7 @@ from dataclasses import replace
 from typing import TYPE_CHECKING
 
 from drivetool.check.causes import CAUSES
-from drivetool.check.fit import FIT_ERRORS, Masks, Model, all_samples, fit, transferred_point
+from drivetool.check.fit import FIT_ERRORS, Masks, Model, all_samples, fit, on_task
 from drivetool.check.starts import gear_ratio
 from drivetool.finding import Finding
 from drivetool.quantity import names_of, owner_of
@@ -50,8 +50,7 @@ def refit_on_body(model: Model, name: str, other: str, power: int, masks: Masks)
     values = {n: v for n, v in task.drive.values.items() if n != name}
     drive = replace(task.drive, values=values | {other: task.drive.value(name) * (there / here) ** power})
     task = replace(task, drive=drive, free=tuple(n for n in drive.quantities if n in {*task.free, other} - {name}))
-    problem = task.problem()
-    return fit(replace(model, task=task, problem=problem, point=transferred_point(model, task, problem)), masks)
+    return fit(on_task(model, task), masks)
 
 
 def _finding(search: SearchResult, name: str, other: str, there: Model) -> Finding:

@@ -113,7 +113,7 @@ def run(job: Job, held_count: int, options: DiagnoseOptions, report: str | None,
     used = asdict(options) | dict(found.estimate.options) | {
         "holdout": [{"file": e.name, "sha256": e.sha256} for e in holdout]}
     used_roles = used_by(job.step, opened.experiments, drive)
-    found = replace(found, estimate=replace(
+    found = found.replace(estimate=replace(
         found.estimate, findings=collected_findings(opened, all_findings, used_roles, drive, job.step),
         options=noted_options(job, used, differences.words)))
     file = diagnosis_file(found, opened.inputs)

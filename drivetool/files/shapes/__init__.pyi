@@ -22,7 +22,6 @@ from .inspection_shapes import (
     PartSection as PartSection,
 )
 from .parameter_shapes import (
-    CandidateSection as CandidateSection,
     FindingSection as FindingSection,
     MeasureSection as MeasureSection,
     ParameterFile as ParameterFile,

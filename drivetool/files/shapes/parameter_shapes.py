@@ -6,11 +6,11 @@ from typing import Annotated, Any, Literal
 
 from msgspec import UNSET, Meta, UnsetType
 
-from drivetool.check.outcome import GainSection, State, Verdict
+from drivetool.check.outcome import DiagnosisSection
 from drivetool.check.validation import CheckSection
 from drivetool.finding import FindingSection
 from drivetool.identify.estimate import DerivedSection, LawSection, ParameterSection, StartsSection
-from drivetool.results import Number, Shape
+from drivetool.results import Number as Number, Shape
 
 PARAMETERS_SCHEMA = "drivetool/parameters/1"
 VALIDATION_SCHEMA = "drivetool/validation/1"
@@ -58,60 +58,6 @@ class FileSection(Shape):
     sha256: str
     began: Annotated[
         str | UnsetType, Meta(description="when the recording began by its own clock (UTC)")] = UNSET
-
-
-class SizeSection(Shape):
-    """A number with its unit."""
-
-    value: Number
-    unit: str | None = None
-
-
-class CandidateSection(Shape):
-    """One cause that was tried in one round of a diagnosis."""
-
-    code: Annotated[str, Meta(description="of the catalogue, see drivetool effects")]
-    state: State
-    round: Annotated[int, Meta(description="from one; each looks for one more cause")] = 1
-    law: str = ""
-    shown: Annotated[bool | None, Meta(description="whether this record can show it; null: not known")] = None
-    gain: Annotated[Number, Meta(description="log likelihood gained on data held out")] = None
-    gain_std: Annotated[Number, Meta(description="standard error of the gain")] = None
-    evidence: Annotated[
-        Number, Meta(description="log10 of 1 over the share of records without any cause that show as much")] = None
-    smallest: Annotated[
-        dict[str, SizeSection], Meta(description="smallest size this record would have shown")] = {}
-    parameters: Annotated[
-        dict[str, ParameterSection], Meta(description="fitted with this cause, on the whole record")] = {}
-    reason: Annotated[str, Meta(description="why there is no gain to state, or where the cause was seen")] = ""
-
-
-class RoundSection(Shape):
-    """One round of a diagnosis; cause is null in the one that ended the search."""
-
-    round: int
-    cause: str | None = None
-    gain: GainSection | None = None
-
-
-class DiagnosisSection(Shape):
-    """What the simulation got wrong and why, as diagnose found it."""
-
-    verdict: Verdict
-    sentence: Annotated[str, Meta(description="the verdict in words")] = ""
-    causes: Annotated[list[str], Meta(description="in the order found")] = []
-    between: Annotated[list[str], Meta(
-        description="causes that explain the record equally well; with unlisted, what is in no catalogue, the "
-        "part of it that has a name")] = []
-    closest: Annotated[list[str], Meta(
-        description="unexplained: what the extended drive has of the catalogue, maybe for something else")] = []
-    experiment: Annotated[str, Meta(description="what would decide, or show a smaller effect")] = ""
-    evidence: Annotated[dict[str, Number], Meta(description="log10 per cause")] = {}
-    gain: Annotated[GainSection | None, Meta(description="from the base to the extended drive")] = None
-    candidates: list[CandidateSection] = []
-    rounds: list[RoundSection] = []
-    rule: Annotated[str, Meta(description="the line of the table of rules that decided")] = ""
-    facts: Annotated[Plain, Meta(description="what the rules compare, see docs/explanation/diagnosis.md")] = {}
 
 
 class MeasureSection(Shape):

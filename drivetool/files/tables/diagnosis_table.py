@@ -7,6 +7,7 @@ from collections.abc import Sequence
 from rich.console import Console
 from rich.text import Text
 
+from drivetool.check.outcome import CandidateSection, DiagnosisSection, GainSection, RoundSection
 from drivetool.check.verdict import RULES
 from drivetool.files.shapes import parameter_shapes as shapes
 from drivetool.files.tables.number_format import short
@@ -19,12 +20,12 @@ _STATE_STYLES = {"named": "bold", "possible": "yellow", "no-gain": "dim", "not-s
            "failed": "red"}
 
 
-def print_diagnosis(section: shapes.DiagnosisSection, console: Console) -> None:
+def print_diagnosis(section: DiagnosisSection, console: Console) -> None:
     """Verdict, candidates round by round, gain, and the experiment that would decide."""
     console.print(Text.assemble((f"{VERDICTS[section.verdict]}: ", _VERDICT_STYLES[section.verdict]),
                                 section.sentence))
     console.print(Text(f"{section.experiment}\n".lstrip()))
-    for one in section.rounds or [shapes.RoundSection(round=1)]:
+    for one in section.rounds or [RoundSection(round=1)]:
         if candidates := [c for c in section.candidates if c.round == one.round]:
             decided = f"added {one.cause}" if one.cause else "nothing more"
             console.print(_candidate_table(candidates, f"round {one.round}: {decided}"))
@@ -44,7 +45,7 @@ def print_rule(file: shapes.ParameterFile) -> None:
                                              ("source", rule.source))))
 
 
-def _candidate_table(candidates: Sequence[shapes.CandidateSection], title: str) -> Table:
+def _candidate_table(candidates: Sequence[CandidateSection], title: str) -> Table:
     """Best first; those without a gain last."""
     columns = [Column("cause", least=20), *numbers("held-out gain", "log10 evidence"), Column("verdict"),
                Column("min detectable", rank=1)]
@@ -55,7 +56,7 @@ def _candidate_table(candidates: Sequence[shapes.CandidateSection], title: str) 
         for each in ordered], title)
 
 
-def _gain_lines(gain: shapes.GainSection) -> list[str]:
+def _gain_lines(gain: GainSection) -> list[str]:
     """Before and after, on held-out data."""
     free = f"free runs of {short(gain.segment)} s over data held out" if gain.of == "motion" else (
         "torque that the motion requires, over data held out")

@@ -7,8 +7,7 @@ from collections.abc import Mapping
 from types import MappingProxyType
 
 from drivetool.check.causes import CAUSES, size_parameters
-from drivetool.check.outcome import OUTSIDE_CATALOGUE, CandidateResult, Diagnosis, Gain, Round
-from drivetool.files.shapes import CandidateSection
+from drivetool.check.outcome import OUTSIDE_CATALOGUE, CandidateResult, CandidateSection, Diagnosis, Gain, Round
 from drivetool.files.tables.number_format import rounded, short
 from drivetool.identify.estimate import Parameter
 
@@ -53,7 +52,7 @@ def cause_words(found: CandidateResult, final: Mapping[str, Parameter] = Mapping
                 "and torques.", "")
     cause = CAUSES.get(found.code)
     name = cause.name if cause else found.code
-    sizes = size_parameters(found.code, found.parameters)
+    sizes = size_parameters(found.code, tuple(found.parameters.values()))
     estimates = [estimate_text(final.get(p.name, p)) for p in sizes]
     # The twist at which the parameter applies.
     estimates += [f"at {estimate_text(final[n])}" for p in sizes if (n := f"{p.name}_twist") in final]
@@ -71,12 +70,12 @@ def estimate_text(parameter: Parameter) -> str:
     return f"{parameter.name} {value}{plus} {parameter.unit}".strip()
 
 
-def round_words(number: int, one: Round) -> str:
+def round_words(one: Round) -> str:
     """The decision of one round."""
     if one.cause is None:
-        return f"Round {number}: no further cause."
+        return f"Round {one.round}: no further cause."
     gain = f": {gain_words(one.gain)}" if one.gain else ""
-    return f"Round {number} added {CAUSES[one.cause].name if one.cause in CAUSES else one.cause}{gain}."
+    return f"Round {one.round} added {CAUSES[one.cause].name if one.cause in CAUSES else one.cause}{gain}."
 
 
 def gain_words(gain: Gain) -> str:
@@ -99,7 +98,7 @@ def reported_candidates(diagnosis: Diagnosis) -> list[CandidateResult]:
                     each.parameters or each.code not in found):
                 found[each.code] = each
     codes = dict.fromkeys([*diagnosis.causes, *diagnosis.between, *diagnosis.closest])
-    return [found.get(code, CandidateResult(code, "", "named")) for code in codes]
+    return [found.get(code, CandidateResult(code, "named")) for code in codes]
 
 
 def detection_limits(candidate: CandidateSection, names: bool = True) -> str:
