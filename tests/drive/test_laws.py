@@ -60,7 +60,8 @@ def test_a_law_that_is_not_in_the_table_cannot_be_assembled(monkeypatch):
     def stamp(assembly, body):
         assembly.law("unheard-of", [assembly.number(1.0)], {body: assembly.number(1.0)}, body=body)
 
-    other = [(replace(e, stamp=stamp) if e is drag.EFFECT else e, owner, k) for e, owner, k in base().effects()]
+    other = [(replace(e, stamp=stamp, present=()) if e is drag.EFFECT else e, owner, k)
+             for e, owner, k in base().effects()]
     monkeypatch.setattr(chain, "_effects", lambda *_: tuple(other))
     with pytest.raises(ValueError, match="unheard-of"):
         plant_of(base(), OUTPUTS)
