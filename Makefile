@@ -16,8 +16,8 @@ demo: $(VENV)/ready
 test: $(VENV)/ready
 	$(BIN)/python -m pytest -n 2
 
-# At most thirty minutes: other hidden effects, recorded machines, coverage of intervals, every size of the kernel. Last,
-# the share of statements and branches of each room that this tier ran, in %.
+# Other hidden effects, recorded machines, coverage of intervals, every size of the kernel; last the share of statements and
+# branches of each room that this tier ran, in %. At most thirty minutes.
 test-slow: $(VENV)/ready
 	$(BIN)/python -m pytest -n 2 -m 'slow and not (long or study)' --cov --cov-report=
 	@for room in logs drive identify check tune files site cli; do \

@@ -11,7 +11,7 @@ import pytest
 from tests import tree
 
 FILES = sorted(tree.ROOT.rglob("*.py"))
-BASE = {"quantity", "errors", "progress", "finding_codes", "results"}
+BASE = {"quantity", "errors", "progress", "finding", "finding_codes", "results"}
 LOWER = {"logs": BASE, "drive": BASE, "identify": BASE | {"logs", "drive"}}
 LOWER["check"] = LOWER["tune"] = LOWER["identify"] | {"identify"}
 LOWER["files"] = LOWER["check"] | {"check", "tune"}
@@ -19,7 +19,8 @@ LOWER["site"] = LOWER["files"] | {"files"}
 LOWER["cli"] = LOWER["site"] | {"site"}
 LOWER["__main__"] = {"cli"}
 LOWER["finding"] = {"finding_codes", "results"}
-LOWER["errors"] = LOWER["finding_codes"] = LOWER["quantity"] = LOWER["progress"] = LOWER["results"] = LOWER["__init__"] = set()
+LOWER["errors"] = LOWER["finding_codes"] = LOWER["quantity"] = LOWER["progress"] = LOWER["results"] = set()
+LOWER["__init__"] = set()
 FREE = {"numpy", "scipy", "drivetool", "msgspec", "lazy_loader"} | set(sys.stdlib_module_names)
 FENCED = {"logs": {"mcap", "pyarrow", "lz4", "zstandard"}, "tune": {"control", "numba"},
           "drive": {"llvmlite", "numba"},

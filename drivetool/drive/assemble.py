@@ -222,8 +222,8 @@ class Assembly:
 
     def lag(self, state: int, source: int, owner: str) -> None:
         """Let a state follow a column as the owner's lag; of order 2 its rate is the next state."""
-        bandwidth, damping = (self.parameter(f"{owner}.{s}") for s in ("bandwidth", "damping"))
-        if self.lag_order(f"{owner}.order") == 1:
+        bandwidth, damping = (self.parameter(name_of(owner, s)) for s in ("bandwidth", "damping"))
+        if self.lag_order(name_of(owner, "order")) == 1:
             self.torque(state, source, bandwidth)
             self.torque(state, state, -bandwidth)
             return

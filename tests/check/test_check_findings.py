@@ -89,7 +89,7 @@ def test_a_shaft_torque_is_trusted_where_laws_explain_as_much(stages, causes, sc
     assert (diagnose.with_trusted_sensor(None, blamed, ("as logged",), None) is other) == trusts
 
 
-@pytest.mark.parametrize("rounds", [(), (Round(None, ()),)])
+@pytest.mark.parametrize("rounds", [(), (Round(1),)])
 def test_where_rounding_alone_is_left_no_sample_is_impossible(monkeypatch, stages, rounds):
     """On a record without noise the innovations are its last digits. And the fault of the sensor is reported in
     no search that trusts it.

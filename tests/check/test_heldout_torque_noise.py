@@ -48,8 +48,8 @@ def test_a_right_drive_leaves_nothing_of_it(absorbed):
 
 def test_a_right_drive_keeps_its_values(absorbed):
     base, split = absorbed
-    ((train, test, again),) = split.folds
-    assert change_between(base, [Fold(train, test, again, base, 0.0)]) is None
+    (one,) = split.folds
+    assert change_between(base, [Fold(one.train, one.test, one.again, base, 0.0)]) is None
 
 
 def test_halves_of_records_hold_none_out(absorbed):

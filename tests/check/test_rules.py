@@ -3,11 +3,10 @@
 from __future__ import annotations
 
 import re
-from dataclasses import fields
+from dataclasses import replace
 
 import numpy as np
 import pytest
-from msgspec.structs import replace
 
 from drivetool.check.faults import Fault
 from drivetool.check.outcome.diagnosis import OUTSIDE_CATALOGUE, CandidateResult, Facts, Round
@@ -28,72 +27,72 @@ from tests.diagnosed import diagnosis, gain as made_gain
 
 CLEAR = Facts(causes=("backlash",), strongest="backlash", gained=300.0, before=1.0, after=0.3, scatter=0.05,
               floor=0.02)
-TIED = replace(CLEAR, between=("backlash", "hardening-stiffness"))
-PART = replace(CLEAR, left=900.0, left_percent=87.0, after=0.56, scatter=0.15)
-NOISY = replace(CLEAR, after=0.9, floor=0.1, torque_noise=0.08)
-LOADS = replace(CLEAR, causes=("load-step",), strongest="load-step", load_changes=2, by_speed=0.3)
+TIED = CLEAR.replace(between=("backlash", "hardening-stiffness"))
+PART = CLEAR.replace(left=900.0, left_percent=87.0, after=0.56, scatter=0.15)
+NOISY = CLEAR.replace(after=0.9, floor=0.1, torque_noise=0.08)
+LOADS = CLEAR.replace(causes=("load-step",), strongest="load-step", load_changes=2, by_speed=0.3)
 NONE = Facts()
 
 
 @pytest.mark.parametrize(("facts", "rule", "verdict"), [
     (CLEAR, "explained", "named"),
     (NONE, "nothing-found", "nothing-found"),
-    (replace(NONE, faults=("outliers",)), "record-at-fault", "named"),
+    (NONE.replace(faults=("outliers",)), "record-at-fault", "named"),
     # What one-step errors leave without a cause; steps of the logger leave as much by themselves.
-    (replace(NONE, left=24.0), "nothing-found", "nothing-found"),
-    (replace(NONE, left=26.0), "nothing-fits", "unexplained"),
-    (replace(NONE, left=26.0, faults=("outliers",)), "nothing-fits", "unexplained"),
-    (replace(NONE, left=99.0, faults=("quantisation",)), "record-at-fault", "named"),
-    (replace(NONE, left=101.0, faults=("quantisation",)), "nothing-fits", "unexplained"),
+    (NONE.replace(left=24.0), "nothing-found", "nothing-found"),
+    (NONE.replace(left=26.0), "nothing-fits", "unexplained"),
+    (NONE.replace(left=26.0, faults=("outliers",)), "nothing-fits", "unexplained"),
+    (NONE.replace(left=99.0, faults=("quantisation",)), "record-at-fault", "named"),
+    (NONE.replace(left=101.0, faults=("quantisation",)), "nothing-fits", "unexplained"),
     # With one: less than a tenth of what it gained, or a seventh.
-    (replace(CLEAR, left=44.0), "explained", "named"),
-    (replace(CLEAR, left=46.0, left_percent=13.0), "part-of-it", "undetermined"),
-    (replace(CLEAR, gained=20.0, left=9.0), "explained", "named"),
-    (replace(CLEAR, gained=20.0, left=11.0), "part-of-it", "undetermined"),
-    (replace(CLEAR, left_time=24.0), "explained", "named"),
-    (replace(CLEAR, left_time=26.0), "part-of-it", "undetermined"),
-    (replace(CLEAR, repeats=True), "part-of-it", "undetermined"),
-    (replace(CLEAR, repeats=True, faults=("quantisation",)), "explained", "named"),
+    (CLEAR.replace(left=44.0), "explained", "named"),
+    (CLEAR.replace(left=46.0, left_percent=13.0), "part-of-it", "undetermined"),
+    (CLEAR.replace(gained=20.0, left=9.0), "explained", "named"),
+    (CLEAR.replace(gained=20.0, left=11.0), "part-of-it", "undetermined"),
+    (CLEAR.replace(left_time=24.0), "explained", "named"),
+    (CLEAR.replace(left_time=26.0), "part-of-it", "undetermined"),
+    (CLEAR.replace(repeats=True), "part-of-it", "undetermined"),
+    (CLEAR.replace(repeats=True, faults=("quantisation",)), "explained", "named"),
     # Part of the answer: free runs say that it is there, or single steps; else it is none.
     (PART, "part-of-it", "undetermined"),
-    (replace(PART, after=0.71), "leaves-much", "unexplained"),
-    (replace(PART, after=0.71, left_percent=69.0), "part-of-it", "undetermined"),
-    (replace(PART, after=0.71, left_percent=71.0), "leaves-much", "unexplained"),
-    (replace(PART, scatter=0.23), "leaves-much", "unexplained"),
+    (PART.replace(after=0.71), "leaves-much", "unexplained"),
+    (PART.replace(after=0.71, left_percent=69.0), "part-of-it", "undetermined"),
+    (PART.replace(after=0.71, left_percent=71.0), "leaves-much", "unexplained"),
+    (PART.replace(scatter=0.23), "leaves-much", "unexplained"),
     # Free runs that become worse by more than a quarter and their scatter.
-    (replace(CLEAR, after=1.24, floor=1.0), "explained", "named"),
-    (replace(CLEAR, after=1.26), "spoils-free-runs", "unexplained"),
-    (replace(CLEAR, after=1.4, scatter=0.45, floor=1.0), "explained", "named"),
+    (CLEAR.replace(after=1.24, floor=1.0), "explained", "named"),
+    (CLEAR.replace(after=1.26), "spoils-free-runs", "unexplained"),
+    (CLEAR.replace(after=1.4, scatter=0.45, floor=1.0), "explained", "named"),
     # What was not to be looked for.
-    (replace(NONE, unasked="coulomb-load"), "not-asked-for", "unexplained"),
-    (replace(PART, unasked="coulomb-load"), "not-asked-for", "unexplained"),
+    (NONE.replace(unasked="coulomb-load"), "not-asked-for", "unexplained"),
+    (PART.replace(unasked="coulomb-load"), "not-asked-for", "unexplained"),
     # Rivals, alone and before a noise that is none.
     (TIED, "rivals", "undetermined"),
-    (replace(TIED, after=0.9, floor=0.1, torque_noise=0.08), "rivals-behind-noise", "undetermined"),
+    (TIED.replace(after=0.9, floor=0.1, torque_noise=0.08), "rivals-behind-noise", "undetermined"),
     # Noise that may hide a law: of a size that drives do not have, or that makes no such error of free runs.
     (NOISY, "noise-hides-a-law", "undetermined"),
-    (replace(NOISY, torque_noise=0.029), "explained", "named"),
-    (replace(NOISY, torque_noise=0.049, by_noise=0.61), "explained", "named"),
-    (replace(NOISY, torque_noise=0.051, by_noise=0.61), "noise-hides-a-law", "undetermined"),
-    (replace(NOISY, torque_noise=0.049, by_noise=0.59), "noise-hides-a-law", "undetermined"),
-    (replace(NOISY, torque_noise=0.049, by_noise=0.61, left=3.0), "noise-hides-a-law", "undetermined"),
-    (replace(NOISY, floor=0.19), "explained", "named"),
-    (replace(NOISY, before=3.7), "explained", "named"),
-    (replace(NOISY, before=3.5), "noise-hides-a-law", "undetermined"),
+    (NOISY.replace(torque_noise=0.029), "explained", "named"),
+    (NOISY.replace(torque_noise=0.049, by_noise=0.61), "explained", "named"),
+    (NOISY.replace(torque_noise=0.051, by_noise=0.61), "noise-hides-a-law", "undetermined"),
+    (NOISY.replace(torque_noise=0.049, by_noise=0.59), "noise-hides-a-law", "undetermined"),
+    (NOISY.replace(torque_noise=0.049, by_noise=0.61, left=3.0), "noise-hides-a-law", "undetermined"),
+    (NOISY.replace(floor=0.19), "explained", "named"),
+    (NOISY.replace(before=3.7), "explained", "named"),
+    (NOISY.replace(before=3.5), "noise-hides-a-law", "undetermined"),
     # Blocks that hardly agree, and loads that change several times.
-    (replace(CLEAR, hardly=("backlash",)), "hardly-told", "undetermined"),
+    (CLEAR.replace(hardly=("backlash",)), "hardly-told", "undetermined"),
     (LOADS, "explained", "named"),
-    (replace(LOADS, left=14.0), "load-leaves-something", "undetermined"),
-    (replace(LOADS, left=14.0, load_changes=1), "explained", "named"),
-    (replace(LOADS, by_speed=0.89), "explained", "named"),
-    (replace(LOADS, by_speed=0.91), "load-goes-with-speed", "undetermined"),
-    (replace(LOADS, by_speed=0.91, load_changes=1), "explained", "named"),
+    (LOADS.replace(left=14.0), "load-leaves-something", "undetermined"),
+    (LOADS.replace(left=14.0, load_changes=1), "explained", "named"),
+    (LOADS.replace(by_speed=0.89), "explained", "named"),
+    (LOADS.replace(by_speed=0.91), "load-goes-with-speed", "undetermined"),
+    (LOADS.replace(by_speed=0.91, load_changes=1), "explained", "named"),
     # Held-out records that need other values are the answer where there is no other.
-    (replace(NONE, other_values=True), "held-out-differs", "unexplained"),
-    (replace(NONE, other_values=True, faults=("outliers",)), "record-at-fault", "named"),
-    (replace(NONE, other_values=True, faults=("outliers",), left=26.0), "held-out-differs", "unexplained"),
-    (replace(CLEAR, other_values=True), "explained", "named"),
-    (replace(CLEAR, other_values=True, after=1.3), "held-out-differs", "unexplained"),
+    (NONE.replace(other_values=True), "held-out-differs", "unexplained"),
+    (NONE.replace(other_values=True, faults=("outliers",)), "record-at-fault", "named"),
+    (NONE.replace(other_values=True, faults=("outliers",), left=26.0), "held-out-differs", "unexplained"),
+    (CLEAR.replace(other_values=True), "explained", "named"),
+    (CLEAR.replace(other_values=True, after=1.3), "held-out-differs", "unexplained"),
 ])
 def test_the_first_rule_that_holds_decides(facts, rule, verdict):
     found = apply_rules(facts)
@@ -107,22 +106,22 @@ def test_every_rule_is_decided_by_somewhere():
 
 
 @pytest.mark.parametrize(("facts", "causes", "between", "doubt"), [
-    (replace(CLEAR, faults=("wrong-sign",)), ("wrong-sign", "backlash"), (), ""),
-    (replace(TIED, causes=("imbalance", "backlash")), ("imbalance",), TIED.between, ""),
-    (replace(TIED, after=0.9, floor=0.1, torque_noise=0.08), (), (*TIED.between, OUTSIDE_CATALOGUE), ""),
-    (replace(PART, faults=("outliers",)), ("outliers",), ("backlash", OUTSIDE_CATALOGUE),
+    (CLEAR.replace(faults=("wrong-sign",)), ("wrong-sign", "backlash"), (), ""),
+    (TIED.replace(causes=("imbalance", "backlash")), ("imbalance",), TIED.between, ""),
+    (TIED.replace(after=0.9, floor=0.1, torque_noise=0.08), (), (*TIED.between, OUTSIDE_CATALOGUE), ""),
+    (PART.replace(faults=("outliers",)), ("outliers",), ("backlash", OUTSIDE_CATALOGUE),
      "87 % of the explainable residual remains"),
-    (replace(PART, between=TIED.between), (), (*TIED.between, OUTSIDE_CATALOGUE),
+    (PART.replace(between=TIED.between), (), (*TIED.between, OUTSIDE_CATALOGUE),
      "87 % of the explainable residual remains"),
-    (replace(PART, faults=("outliers",), unasked="imbalance"), ("outliers",), (), ""),
+    (PART.replace(faults=("outliers",), unasked="imbalance"), ("outliers",), (), ""),
     # The scale of a shaft torque that a drive says which lacks something.
-    (replace(NONE, left=26.0, faults=("outliers", "wrong-scale"), by_model=("wrong-scale",)), ("outliers",), (),
+    (NONE.replace(left=26.0, faults=("outliers", "wrong-scale"), by_model=("wrong-scale",)), ("outliers",), (),
      ""),
-    (replace(NONE, faults=("wrong-scale",), by_model=("wrong-scale",)), ("wrong-scale",), (), ""),
-    (replace(NOISY, causes=("imbalance", "backlash")), ("imbalance",), ("backlash", OUTSIDE_CATALOGUE), ""),
-    (replace(CLEAR, hardly=("backlash",)), (), ("backlash", OUTSIDE_CATALOGUE), WEAK_SUPPORT_TEXT),
-    (replace(LOADS, left=14.0), (), ("load-step", OUTSIDE_CATALOGUE), SEVERAL_LOADS_TEXT),
-    (replace(LOADS, by_speed=0.91, causes=("backlash", "load-step")), ("backlash",),
+    (NONE.replace(faults=("wrong-scale",), by_model=("wrong-scale",)), ("wrong-scale",), (), ""),
+    (NOISY.replace(causes=("imbalance", "backlash")), ("imbalance",), ("backlash", OUTSIDE_CATALOGUE), ""),
+    (CLEAR.replace(hardly=("backlash",)), (), ("backlash", OUTSIDE_CATALOGUE), WEAK_SUPPORT_TEXT),
+    (LOADS.replace(left=14.0), (), ("load-step", OUTSIDE_CATALOGUE), SEVERAL_LOADS_TEXT),
+    (LOADS.replace(by_speed=0.91, causes=("backlash", "load-step")), ("backlash",),
      ("load-step", OUTSIDE_CATALOGUE),
      LOAD_BY_SPEED_TEXT)])
 def test_what_is_certain_and_what_it_may_be(facts, causes, between, doubt):
@@ -132,7 +131,7 @@ def test_what_is_certain_and_what_it_may_be(facts, causes, between, doubt):
 
 def test_without_a_rule_the_next_decides():
     less = [r for r in RULES if r.name != "load-leaves-something"]
-    assert apply_rules(replace(LOADS, left=14.0), less).verdict == "named"
+    assert apply_rules(LOADS.replace(left=14.0), less).verdict == "named"
 
 
 def test_facts_are_those_that_the_table_and_the_pages_name():

@@ -14,12 +14,12 @@ from drivetool.cli.options.units_of import units_of
 from drivetool.errors import BadOption, BadParameters, DriveToolError, nearest
 from drivetool.files.disk import check_folder, check_target
 from drivetool.files.yaml import units
-from drivetool.finding import Finding
 from drivetool.logs import ROLES
 
 if TYPE_CHECKING:
     from drivetool.drive import Drive
     from drivetool.files.yaml import Loaded
+    from drivetool.finding import Finding
     from drivetool.identify.setup import KnownStart, Options
 
 

@@ -5,11 +5,10 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import TYPE_CHECKING
 
-from drivetool.finding import Finding
-
 if TYPE_CHECKING:
     from drivetool.check.validation import CheckSection, ValidateOptions, Validation
     from drivetool.drive import Drive
+    from drivetool.finding import Finding
     from drivetool.identify.estimate import PlotData
     from drivetool.logs import Experiment
     from drivetool.tune.simulation import LoopReplay
@@ -76,6 +75,8 @@ def _replay_plot(model: str, experiment: Experiment, run: LoopReplay) -> PlotDat
 
 
 def _other_tuning_note(model: str, gains: str, files: Sequence[str]) -> Finding:
+    from drivetool.finding import Finding
+
     return Finding("note", "tuned-for-another-file",
                    f"{gains} was tuned for {', '.join(files)}, not for {model} as it is now.", {},
                    "Tune again if the parameters have changed.")

@@ -26,7 +26,6 @@ from .parameter_shapes import (
     MeasureSection as MeasureSection,
     ParameterFile as ParameterFile,
     Shape as Shape,
-    SizeSection as SizeSection,
     ValidationFile as ValidationFile,
 )
 from .site_shapes import (

@@ -4,8 +4,9 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
 
+from drivetool.check.outcome import SizeSection
 from drivetool.errors import BadParameters
-from drivetool.files.shapes import BarSection, MeasureSection, SizeSection
+from drivetool.files.shapes import BarSection, MeasureSection
 from drivetool.files.yaml import units
 from drivetool.site.results import Entry, StepResult
 from drivetool.site.verdicts.cases import Case
