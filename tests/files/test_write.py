@@ -79,6 +79,15 @@ def test_a_total_and_its_part_are_not_both_written(tmp_path):
     assert load(tmp_path, text).drive() == DRIVE
 
 
+def test_a_part_of_a_std_that_is_not_finite_is_left_out(tmp_path):
+    known = ESTIMATE.parameters[0].replace(std=float("nan"), std_noise=float("inf"), repeatability=0.5)
+    text = dump_estimate(replace(ESTIMATE, parameters=(known,)))
+    entry = yaml.safe_load(text)["parameters"][known.name]
+    assert (entry["std"], entry["reason"]) == (None, "the standard deviation is not finite")
+    assert "std_noise" not in entry and entry["repeatability"] == 0.5
+    assert load(tmp_path, text).drive().values[known.name] == known.value
+
+
 def test_edited_unit_converts_value_and_covariance(tmp_path):
     content = yaml.safe_load(dump_estimate(ESTIMATE))
     content["parameters"]["load.inertia"] |= {"value": 5179.0, "unit": "g m^2"}

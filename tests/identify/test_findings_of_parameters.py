@@ -5,11 +5,15 @@ from types import SimpleNamespace
 
 import pytest
 
-from drivetool.drive import two_mass
+from drivetool.drive import TOTALS, two_mass
 from drivetool.finding import Finding
 from drivetool.identify.acceleration.estimator import as_drive_parameters, rigid_of
 from drivetool.identify.estimate.estimate import Estimate, Parameter
-from drivetool.identify.estimate.interval_and_status import parameters_of, without_not_identifiable_findings
+from drivetool.identify.estimate.interval_and_status import (
+    experiment_for,
+    parameters_of,
+    without_not_identifiable_findings,
+)
 from drivetool.identify.fit.engine import by_innovations
 from drivetool.identify.identifiability.joint_identifiability import without_torque_intervals
 from drivetool.identify.identifiability.one_sided_backlash import with_lower_limit_only
@@ -18,6 +22,7 @@ from drivetool.identify.outcome.composition import compose
 from drivetool.identify.setup.options import Options
 from drivetool.identify.setup.setup import roles_of
 from drivetool.identify.setup.task import Task
+from drivetool.quantity import name_of, quantity_of
 from tests.recover import drive_like, linear_record, truth
 from tests.simulator.machine import machine_by_seed
 
@@ -106,3 +111,13 @@ def test_of_one_body_for_a_drive_the_parameter_is_that_of_the_drive():
     one = Estimate("greybox", drive, lines, "", {},
                    findings=(not_identifiable("motor.viscous"), not_identifiable(None, "All")))
     assert parameters_of_findings(as_drive_parameters(one, drive, rigid)) == {"total.viscous"}
+
+
+def test_the_experiment_is_that_of_the_effect_that_has_the_parameter():
+    drive = two_mass()
+    for effect, owner, _ in drive.effects():
+        for name in (name_of(owner, quantity) for quantity in effect.quantities):
+            if quantity_of(name) not in TOTALS.values():
+                assert effect.needs in experiment_for(name, drive)
+    assert "both directions" in experiment_for("load.coulomb", drive)
+    assert experiment_for("total.viscous", drive) != experiment_for("load.viscous", drive)

@@ -98,12 +98,12 @@ def to_plain(value: Any) -> Any:
 def written(section: Shape, kind: type[Result]) -> Result:
     """What a file has of a result, a struct of that kind or with further fields, its numbers rounded.
 
-    None is left out where the kind leaves a value out.
+    None, as of a number that is not finite, is left out where the kind leaves a value out.
     """
-    left_out = {f.name: f.default is msgspec.UNSET for f in msgspec.structs.fields(kind)}
-    content = {name: getattr(section, name) for name in kind.__struct_fields__}
-    return msgspec.convert(to_plain({n: v for n, v in content.items() if not (
-        v is msgspec.UNSET or (v is None and left_out[n]))}), kind)
+    plain = {name: to_plain(value) for name in kind.__struct_fields__
+             if (value := getattr(section, name)) is not msgspec.UNSET}
+    left_out = {field.name for field in msgspec.structs.fields(kind) if field.default is msgspec.UNSET}
+    return msgspec.convert({n: v for n, v in plain.items() if not (v is None and n in left_out)}, kind)
 
 
 def counted_noun(n: int, noun: str) -> str:

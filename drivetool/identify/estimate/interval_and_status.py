@@ -190,6 +190,6 @@ def experiment_for(name: str, drive: Drive) -> str:
     if suffix in TOTALS.values() and name not in TOTALS:
         return f"Log the shaft torque or the load speed, or fit total.{suffix} instead."
     for effect, owner, _ in drive.effects():
-        if name_of(owner, suffix) == name or (name in TOTALS and suffix in effect.quantities):
+        if suffix in effect.quantities and (name_of(owner, suffix) == name or name in TOTALS):
             return f"Needed: {effect.needs}."
     return "Hold it with --hold."

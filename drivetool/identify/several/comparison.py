@@ -185,7 +185,7 @@ def _fit_physical(structure: str, name: str, e: Experiment, drive: Drive,
     """The grey box without its hold-out trials: one fit by its criterion."""
     start = drive if not drive.missing() else _with_start_values(drive, e)
     parts = names_of(start.bodies, "viscous")
-    start = with_totals(start, parts)
+    start = with_totals(start, (), parts)
     # Friction of each body, at its own speed: with K = 0 this is the output-error model.
     start = start.with_values({p: start.value(p) or 0.0 for p in parts})
     free = tuple(n for n in start.quantities if n in {*default_free(start, compared), *parts}
