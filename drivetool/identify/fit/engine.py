@@ -43,21 +43,6 @@ from drivetool.identify.starts import (
 from drivetool.progress import counted
 from drivetool.quantity import quantity_of
 
-__all__ = [
-    "Outcome",
-    "Task",
-    "by_innovations",
-    "by_simulation",
-    "fit_noise_only",
-    "fit_task",
-    "free_run",
-    "looks_coloured",
-    "refit",
-    "segment_of",
-    "segment_states",
-    "with_coloured_noise",
-]
-
 DEFAULT_SEGMENT = 2.0  # s; longer free runs across a gap end in wrong optima
 # Rounds after which only the best two of several starts continue. A choice: by then they have an order
 SCREENING_ROUNDS = 3
@@ -191,7 +176,8 @@ def _from_every_start(task: Task, problem: Problem, starts: Sequence[Mapping[str
         point = first_point(start.drive, problem, task.roles)
         return [(way, attempt_or_none(lambda way=way: fit_innovations(
             problem, point, linear=None if way == "direct" else start.linear_problem(), max_rounds=most)))
-            for way in _observers_to_try(start)]
+            # Two for a nonlinear drive, which has several local optima.
+            for way in (("direct", "constant gain") if has_gap(start) else ("direct",))]
 
     found: list[tuple[dict, Fit | None]] = []
 
@@ -231,21 +217,15 @@ def _through_simulation(start: Task, problem: Problem, most: int) -> Fit:
 
 def _best_of_two_continued(problem: Problem, fits: Sequence[Fit]) -> Fit:
     """The best fit after the best two continued to the end; the others are dropped."""
-    ends = []
-    for fit in sorted(fits, key=lambda f: f.value)[:2]:
-        ends.append(fit if fit.converged else fit_innovations(problem, fit.point, fit.noise))
+    ends = [fit if fit.converged else fit_innovations(problem, fit.point, fit.noise)
+            for fit in sorted(fits, key=lambda f: f.value)[:2]]
     return min(ends, key=lambda f: f.value)
-
-
-def _observers_to_try(task: Task) -> tuple[str, ...]:
-    """Observers to start with: two for a nonlinear drive, which has several local optima."""
-    return ("direct", "constant gain") if has_gap(task) else ("direct",)
 
 
 def fit_noise_only(task: Task) -> Outcome:
     """The outcome of a fit in which only the noise and the start states are free."""
     problem = task.problem(free=())
-    fit = fit_innovations(problem, Point(np.empty(0), first_states(task.drive, task.roles, problem.traces)))
+    fit = fit_innovations(problem, first_point(task.drive, problem, task.roles))
     return Outcome(task, problem, fit.solution, fit, (), fit.converged)
 
 
@@ -369,7 +349,7 @@ def free_run(task: Task, traces: Sequence[Trace] | None = None, noise: Noise | N
     problem = task.problem(free=())
     if traces is not None:
         problem = replace(problem, traces=tuple(traces))
-    point = Point(np.empty(0), first_states(task.drive, task.roles, problem.traces))
+    point = first_point(task.drive, problem, task.roles)
     if noise is None or noise.memory is not None:
         noise = fit_ratio(problem, point, Noise(1.0, None, problem.scale), quick=True)
     starts = smoothed_starts(problem, point, noise)

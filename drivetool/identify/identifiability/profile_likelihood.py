@@ -6,8 +6,8 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from drivetool.identify.noise import Noise, filtered, minus_log_likelihood
-from drivetool.identify.problem import Point, solve
+from drivetool.identify.noise import Noise, filtered, minus_log_likelihood, solve_under_noise
+from drivetool.identify.problem import Point
 from drivetool.identify.setup import Outcome, Task
 from drivetool.quantity import parse_name
 
@@ -63,18 +63,11 @@ def _refit(task: Task, outcome: Outcome, name: str, value: float) -> float:
     problem = fixed.problem()
     noise: Noise = outcome.fit.noise
     values = np.array([fixed.drive.value(n) for n in free])
-    starts = tuple(shifted_start(task, name, value, s) for s in outcome.solution.point.starts)
+    point = Point(values, tuple(shifted_start(task, name, value, s) for s in outcome.solution.point.starts))
     best = np.inf
     for _ in range(3):
-        point = Point(values, starts)
         gains = [f.gains for f in filtered(problem, point, noise)]
-        if noise.memory is not None:
-            padded = Point(values, tuple(np.append(s, 0.0) for s in starts))
-            point = solve(problem.with_memory(noise.memory), padded, gains, relative=1e-7).point
-            point = Point(point.values, tuple(s[:-1] for s in point.starts))
-        else:
-            point = solve(problem, point, gains, relative=1e-7).point
-        values, starts = point.values, point.starts
+        point = solve_under_noise(problem, point, gains, noise, relative=1e-7).point
         new = minus_log_likelihood(filtered(problem, point, noise, keep=False))
         if new > best - 0.01:
             return min(best, new)

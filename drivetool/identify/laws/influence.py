@@ -110,7 +110,7 @@ def scores_of(outcome: Outcome) -> Scores | None:
                  + explained.T @ sums[:, own[:, None], own] @ explained)
         slopes += sums[:, :k, -1] - sums[:, own, -1] @ explained
         cost += whole[-1, -1]
-    return Scores(each, slopes, float(cost / max(problem.count - problem.unknowns, 1)))
+    return Scores(each, slopes, float(problem.variance(cost)))
 
 
 def sandwich_covariance(influence: np.ndarray) -> np.ndarray:

@@ -65,5 +65,5 @@ def third_mass_score_test(problem: Problem, point: Point, noise: Noise,
     inverse = np.linalg.pinv(matrix[np.ix_(identifiable, identifiable)] / np.outer(size, size), rcond=1e-10,
                              hermitian=True)
     step[identifiable] = -(inverse @ (slope[identifiable] / size)) / size
-    gain = float(-0.5 * slope @ step) / (normal.cost / max(problem.count - problem.unknowns, 1))
+    gain = float(-0.5 * slope @ step) / problem.variance(normal.cost)
     return gain, float(step[-1])

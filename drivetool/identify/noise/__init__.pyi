@@ -3,6 +3,7 @@ from .innovations import (
     Fit as Fit,
     fit_innovations as fit_innovations,
     refit_with_tight_tolerance as refit_with_tight_tolerance,
+    solve_under_noise as solve_under_noise,
     until_converged as until_converged,
     with_global_noise_search as with_global_noise_search,
 )

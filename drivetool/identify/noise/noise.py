@@ -85,24 +85,23 @@ def filtered(problem: Problem, point: Point, noise: Noise, keep: bool = True) ->
     """One Kalman pass per trace at a point. The start states are parameters, hence known here."""
     passes = []
     problem = problem.with_memory(noise.memory)
-    one = noise
     for t, start, plant in zip(problem.traces, point.starts, problem.plants(point.values, False),
                                strict=True):
-        nx, noise = plant.nx, one.over(problem.steps(t))
-        extra, noise_input, covariance, white = np.zeros(nx), np.zeros(nx), np.zeros((nx, nx)), noise.ratio**2
+        nx, here = plant.nx, noise.over(problem.steps(t))
+        extra, noise_input, covariance, white = np.zeros(nx), np.zeros(nx), np.zeros((nx, nx)), here.ratio**2
         further = slice(1, problem.bodies)
-        extra[further] = (noise.others * t.step / plant.system.mass[further, 0]) ** 2
-        if noise.memory is not None:
+        extra[further] = (here.others * t.step / plant.system.mass[further, 0]) ** 2
+        if here.memory is not None:
             start = np.append(start, 0.0) if len(start) < nx else start
-            if noise.slow is None:
-                extra[-1] = white * (1.0 - noise.memory**2)
+            if here.slow is None:
+                extra[-1] = white * (1.0 - here.memory**2)
                 covariance[-1, -1], white = white, 0.0
             else:
-                noise_input[-1] = (noise.slow - 1.0) * (1.0 - noise.memory)
-                covariance[-1, -1] = white * noise_input[-1] ** 2 / (1.0 - noise.memory**2)
+                noise_input[-1] = (here.slow - 1.0) * (1.0 - here.memory)
+                covariance[-1, -1] = white * noise_input[-1] ** 2 / (1.0 - here.memory**2)
         # Whether noise breaks stiction depends on its size.
         unit = problem.sensor_std**2
-        found = plant.filter(t, start, unit * noise.scale**2, unit * white, unit * extra, unit * covariance, keep,
+        found = plant.filter(t, start, unit * here.scale**2, unit * white, unit * extra, unit * covariance, keep,
                              noise_input)
         gains = replace(found.gains, weight=found.gains.weight * problem.sensor_std)
         passes.append(_with_divergence_marked(replace(found, gains=gains, variance=found.variance / unit), t))

@@ -28,7 +28,6 @@ MIN_REVERSAL_SHARE = 0.02
 # Samples between two angles for a speed, a choice: over one sample an encoder's quantisation exceeds it.
 ANGLE_DIFFERENCE_SAMPLES = 8
 DAMPINGS = ("damping", "gap_damping", "load_damping")  # of shafts
-DAMPINGS = ("damping", "gap_damping", "load_damping")  # of shafts
 SWITCHING = ("half_gap", "coulomb")  # parameters of contacts and sticking
 
 
@@ -244,10 +243,7 @@ def linear_problem_of(drive: Drive, free: Sequence[str], roles: Roles, traces: S
 
 def sensor_stds(traces: Sequence[Trace]) -> np.ndarray:
     """(ny,) first guess of the sensors' std; of one that shows no noise, the largest of the others."""
-    ny = traces[0].outputs.shape[1]
-    stds = np.zeros(ny)
-    for m in range(ny):
-        stds[m] = white_std([t.outputs[:, m] for t in traces])
+    stds = np.array([white_std([t.outputs[:, m] for t in traces]) for m in range(traces[0].outputs.shape[1])])
     stds[stds <= 0.0] = max(stds.max(), 1e-12)
     return stds
 

@@ -39,7 +39,7 @@ def resonance_starts(problem: Problem, initial: Point, fit: Fit) -> list[tuple[P
     part, initial = first_samples_of(problem, MAX_GRID_SAMPLES), _with_totals_of(problem, initial, fit.point)
     fit_value = _value_or_inf(part, fit.point, fit.noise)
     found: list[tuple[float, Point]] = []
-    for chosen in _stiffness_groups(stiff):
+    for chosen in [stiff, *([[j] for j in stiff] if len(stiff) > 1 else [])]:  # all shafts at once, then one by one
         for factor in np.geomspace(1.0 / STIFFNESS_FACTOR_RANGE, STIFFNESS_FACTOR_RANGE, STIFFNESS_GRID_SIZE):
             values = initial.values.copy()
             values[chosen] = np.clip(values[chosen] * factor, problem.low[chosen], problem.high[chosen])
@@ -60,11 +60,6 @@ def _with_totals_of(problem: Problem, initial: Point, known: Point) -> Point:
     if inertias:
         values[inertias] *= known.values[inertias].sum() / values[inertias].sum()
     return Point(values, initial.starts)
-
-
-def _stiffness_groups(stiff: Sequence[int]) -> list[list[int]]:
-    """All shafts at once, then one by one."""
-    return [list(stiff)] + ([[j] for j in stiff] if len(stiff) > 1 else [])
 
 
 @np.errstate(over="ignore", invalid="ignore")
