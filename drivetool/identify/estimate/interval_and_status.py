@@ -38,7 +38,7 @@ def covariance_of(problem: Problem, solution: Solution) -> tuple[np.ndarray, np.
     i = np.flatnonzero(free & (own > 0.0))
     if len(i) == 0:
         return covariance, inflation, free
-    variance = problem.variance(solution.cost)
+    variance = solution.cost / max(problem.count - problem.unknowns, 1)
     size = np.sqrt(own[i])
     inverse, lost = inverted(matrix[np.ix_(i, i)] / np.outer(size, size), 1e-13)
     covariance[np.ix_(i, i)] = variance * inverse / np.outer(size, size)
@@ -136,7 +136,7 @@ def _covariance_from_bounds(problem: Problem, solution: Solution, free: np.ndarr
 def _push_in_std(problem: Problem, solution: Solution) -> np.ndarray:
     """(k,) distance of each parameter from the likelihood's peak, in its standard deviations."""
     matrix, slope, _ = schur(solution.normal)
-    variance = problem.variance(solution.cost)
+    variance = solution.cost / max(problem.count - problem.unknowns, 1)
     std = np.sqrt(variance * np.maximum(np.diag(np.linalg.pinv(matrix, rcond=1e-13, hermitian=True)), 0.0))
     return np.abs(slope) * std / max(variance, 1e-300)  # a fit without any error has no slope either
 
@@ -144,7 +144,7 @@ def _push_in_std(problem: Problem, solution: Solution) -> np.ndarray:
 def _one_sided_distance(problem: Problem, solution: Solution, j: int) -> float:
     """How far inside its bound the parameter may lie: 95 %, one-sided."""
     matrix, _, _ = schur(solution.normal)
-    variance = problem.variance(solution.cost)
+    variance = solution.cost / max(problem.count - problem.unknowns, 1)
     std = np.sqrt(variance * max(np.linalg.pinv(matrix, rcond=1e-13, hermitian=True)[j, j], 0.0))
     # The slope pushes against the bound: the likelihood falls as exp(-s x - x^2 / (2 std^2)).
     push = _push_in_std(problem, solution)[j]
