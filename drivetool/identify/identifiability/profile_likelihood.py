@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -33,7 +33,7 @@ def profile(outcome: Outcome, name: str, step: float, max_points: int = 8) -> Pr
     step  first distance from the estimate, about one standard deviation
     most  points on each side
     """
-    task = outcome.task.at_point(outcome.solution.point)
+    task = outcome.fitted
     j = outcome.problem.names.index(name)
     best = float(outcome.solution.point.values[j])
     low, high = outcome.problem.low[j], outcome.problem.high[j]
@@ -58,11 +58,10 @@ def profile(outcome: Outcome, name: str, step: float, max_points: int = 8) -> Pr
 
 def _refit(task: Task, outcome: Outcome, name: str, value: float) -> float:
     """-log likelihood with one parameter fixed and the others fitted again."""
-    free = tuple(n for n in task.free if n != name)
-    fixed = replace(task.at({name: value}), free=free)
+    fixed = task.at({name: value}).with_held({name})
     problem = fixed.problem()
     noise: Noise = outcome.fit.noise
-    values = np.array([fixed.drive.value(n) for n in free])
+    values = np.array([fixed.drive.value(n) for n in fixed.free])
     point = Point(values, tuple(shifted_start(task, name, value, s) for s in outcome.solution.point.starts))
     best = np.inf
     for _ in range(3):
