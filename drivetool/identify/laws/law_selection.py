@@ -11,7 +11,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from drivetool.identify.laws.laws import MEASUREMENT_NOISE, Law
+from drivetool.identify.laws.laws import MEASUREMENT_NOISE, Law, places_of
 from drivetool.identify.noise import Noise, filtered, with_disturbance_state
 from drivetool.identify.problem import Point
 from drivetool.identify.setup import Task, has_gap
@@ -70,10 +70,7 @@ def forward_selection(sums: np.ndarray, count: int, fitted: int, laws: Sequence[
     fitted  number of the parameters; min_gain: log likelihood that a law must gain
     """
     chosen, base = [], np.arange(fitted)
-    places, k = [], len(base)
-    for law in laws:
-        places.append(np.arange(k, k + law.size))
-        k += law.size
+    places = [np.arange(own.start, own.stop) for own in places_of(laws, fitted)]
     error, largest_gain, whole = _cross_validation_error(sums, base), 0.0, sums.sum(axis=0)
     # At most all of the noise acts on the drive. A factor beyond that is sensor noise, fed back to the torque.
     if not error > 0.0:

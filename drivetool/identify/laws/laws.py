@@ -7,6 +7,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
+from itertools import pairwise
 from typing import Literal
 
 import numpy as np
@@ -58,6 +59,11 @@ class Law:
     def size(self) -> int:
         """How many columns it has."""
         return self.columns[0].shape[1]
+
+
+def places_of(laws: Sequence[Law], first: int = 0) -> list[slice]:
+    """The columns of each law in a table of all of them, whose columns begin there."""
+    return [slice(a, b) for a, b in pairwise(np.cumsum([first, *(law.size for law in laws)]).tolist())]
 
 
 def measurement_noise_law(noise: Sequence[np.ndarray]) -> tuple[Law, ...]:

@@ -10,7 +10,6 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from drivetool.drive import Drive
 from drivetool.finding import Finding
 from drivetool.identify.estimate import Estimate
 from drivetool.identify.fit import by_noise_continuation, looks_coloured, shaft_torque_row, with_coloured_noise
@@ -130,7 +129,8 @@ def missing_gap_finding(lack: MissingStructure, shaft: str) -> Finding:
 def missing_mass_finding(lack: MissingStructure) -> Finding:
     """The finding on a missing third mass."""
     drive = lack.task.drive
-    inertia, stiffness, _ = (float(drive.values[n]) for n in third_mass_names(_without_last_body(drive)))
+    inertia, stiffness, _ = (float(drive.values[n]) for n in third_mass_names(
+        replace(drive, bodies=drive.bodies[:-1], shafts=drive.shafts[:-1])))
     load = float(drive.values[name_of(drive.load, "inertia")])
     frequency = float(np.sqrt(stiffness * (1.0 / inertia + 1.0 / load)) / (2.0 * np.pi))
     share = inertia / (inertia + load)
@@ -143,10 +143,6 @@ def missing_mass_finding(lack: MissingStructure) -> Finding:
         {"log_likelihood_gain": lack.gain, "wanted": MIN_STRUCTURE_GAIN, "share": share, "frequency": frequency,
          "stiffness_with_third_mass": float(drive.values[name_of(first, "stiffness")])},
         "Fit it too with --drive three-mass, or run diagnose; a sensor at the load shows it best.")
-
-
-def _without_last_body(drive: Drive) -> Drive:
-    return replace(drive, bodies=drive.bodies[:-1], shafts=drive.shafts[:-1])
 
 
 def _load_noise_gain(outcome: Outcome) -> float:
@@ -175,7 +171,7 @@ def _fit_with_gap(outcome: Outcome, white: Outcome) -> tuple[Task, Fit | None]:
 
 def shaft_torque(outcome: Outcome) -> np.ndarray:
     """(n,) [torque unit] of the first shaft over all stretches, by the filter of the drive with a closed gap."""
-    task, problem = outcome.task.at_point(outcome.solution.point), outcome.problem
+    task, problem = outcome.fitted, outcome.problem
     plain, spring = shaft_torque_row(task, 0, problem.traces[0].step)
     passes = filtered(problem, outcome.solution.point, outcome.fit.noise)
     return np.concatenate([f.states[:, :plain.nx] @ spring for f in passes])
@@ -183,13 +179,11 @@ def shaft_torque(outcome: Outcome) -> np.ndarray:
 
 def _with_gap(outcome: Outcome, torque: float, share: float) -> Task:
     """The task with a half gap of a share of the twist under a torque, and a shaft stiffer by as much."""
-    task = outcome.task.at_point(outcome.solution.point)
-    shaft = task.drive.shafts[0]
-    stiffness = task.drive.values[name_of(shaft, "stiffness")]
-    names = {*task.free, name_of(shaft, "half_gap")}
-    return replace(task.at({name_of(shaft, "half_gap"): share * torque / stiffness,
-                            name_of(shaft, "stiffness"): stiffness / (1.0 - share)}),
-                   free=tuple(n for n in task.drive.quantities if n in names))
+    task = outcome.fitted
+    half_gap, rigidity = (name_of(task.drive.shafts[0], what) for what in ("half_gap", "stiffness"))
+    stiffness = task.drive.values[rigidity]
+    return task.at({half_gap: share * torque / stiffness,
+                    rigidity: stiffness / (1.0 - share)}).with_free({*task.free, half_gap})
 
 
 def _fit_with_third_mass(outcome: Outcome, white: Outcome, wanted: float) -> tuple[Task, Fit | None]:
@@ -220,7 +214,7 @@ def _third_mass_fits(base: Outcome, wanted: float) -> list[tuple[Task, Fit | Non
 
     wanted  -log likelihood: a fit far above it after two rounds is given up
     """
-    plain, step, noise = base.task.at_point(base.solution.point), base.problem.traces[0].step, base.fit.noise
+    plain, step, noise = base.fitted, base.problem.traces[0].step, base.fit.noise
     names, scores = third_mass_names(plain.drive), []
     for frequency_ratio in THIRD_MASS_FREQUENCY_RATIOS:
         task = with_split_load(plain, step, TEST_MASS_SHARE, frequency_ratio, TEST_DAMPING_RATIO)

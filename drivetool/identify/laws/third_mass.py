@@ -42,9 +42,8 @@ def with_split_load(task: Task, step: float, share: float, frequency_ratio: floa
               stiffness: rate**2 * share * (1.0 - share) * jl, damping: 2.0 * zeta * rate * share * jl}
     longer = replace(drive, name="three-mass with a tip", bodies=(*drive.bodies, END_MASS),
                      shafts=(*drive.shafts, owner_of(stiffness)), values=values)
-    free = tuple(n for n in longer.quantities if n in {*task.free, *names})
     # The load's sensors stay where they were.
-    return replace(task, drive=longer, free=free)
+    return replace(task, drive=longer).with_free({*task.free, *names})
 
 
 def third_mass_score_test(problem: Problem, point: Point, noise: Noise,
