@@ -49,7 +49,7 @@ from drivetool.identify.identifiability import (
     without_upper_limit,
 )
 from drivetool.identify.laws import default_fit
-from drivetool.identify.noise import Noise, filtered, fit_ratio, minus_log_likelihood
+from drivetool.identify.noise import Noise, fit_ratio, minus_log_likelihood_at
 from drivetool.identify.outcome import compose, not_converged
 from drivetool.identify.setup import (
     Options,
@@ -204,7 +204,7 @@ def _half_gap_starts(task: Task, gaps: Sequence[str], options: Options) -> list[
         point = first_point(trial.drive, problem, task.roles)
         if noise is None:
             noise = fit_ratio(problem, point, Noise(1.0, None, problem.scale))
-        return minus_log_likelihood(filtered(problem, point, noise, keep=False)), noise
+        return minus_log_likelihood_at(problem, point, noise), noise
 
     with ThreadPoolExecutor(PARALLEL_STARTS) as pool:
         coarse = list(pool.map(lambda share: likelihood_at(share, None), HALF_GAP_SCAN[::8]))

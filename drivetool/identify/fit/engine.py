@@ -18,7 +18,7 @@ from drivetool.identify.noise import (
     fit_correlated_noise,
     fit_innovations,
     fit_ratio,
-    minus_log_likelihood,
+    minus_log_likelihood_at,
     refit_with_tight_tolerance,
     unit_noise_ratio,
     with_global_noise_search,
@@ -238,7 +238,7 @@ def with_coloured_noise(outcome: Outcome) -> Outcome:
     if fit is None or not looks_coloured(fit.passes):
         return outcome
     noise = fit_correlated_noise(problem, fit.point, fit.noise,
-                        lambda n: minus_log_likelihood(filtered(problem, fit.point, n, keep=False)))
+                                 lambda n: minus_log_likelihood_at(problem, fit.point, n))
     trial = with_global_noise_search(problem, fit_innovations(problem, fit.point, noise))
     if trial.value > fit.value - MIN_COLOUR_GAIN:
         return outcome

@@ -122,8 +122,7 @@ def _parts_identifiable_now(task: Task, outcome: Outcome, parts: Sequence[str], 
 
 
 def _segment_of_outcome(outcome: Outcome) -> float:
-    whole = outcome.task.problem(free=())
-    if len(whole.traces) == len(outcome.problem.traces):
+    if len(outcome.task.traces()) == len(outcome.problem.traces):
         return 0.0
     return outcome.problem.traces[0].size * outcome.problem.traces[0].step
 

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from drivetool.identify.noise import Noise, filtered, minus_log_likelihood, solve_under_noise
+from drivetool.identify.noise import Noise, filtered, minus_log_likelihood_at, solve_under_noise
 from drivetool.identify.problem import Point
 from drivetool.identify.setup import Outcome, Task
 from drivetool.quantity import parse_name
@@ -67,7 +67,7 @@ def _refit(task: Task, outcome: Outcome, name: str, value: float) -> float:
     for _ in range(3):
         gains = [f.gains for f in filtered(problem, point, noise)]
         point = solve_under_noise(problem, point, gains, noise, relative=1e-7).point
-        new = minus_log_likelihood(filtered(problem, point, noise, keep=False))
+        new = minus_log_likelihood_at(problem, point, noise)
         if new > best - 0.01:
             return min(best, new)
         best = new

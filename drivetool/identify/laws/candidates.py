@@ -24,6 +24,7 @@ from drivetool.identify.laws.regression import Regression, is_regressable, regre
 from drivetool.identify.motion import Motions, motions_of, motions_through
 from drivetool.identify.noise import expected_recording_noise, filtered
 from drivetool.identify.setup import Outcome, Task, has_gap
+from drivetool.logs import true_runs
 from drivetool.quantity import name_of, quantity_of
 
 MIN_MEASURED_RUN = 200  # measured values in a row: sixteen blocks of a dozen
@@ -81,8 +82,7 @@ def why_single_candidate(white: Outcome) -> str:
     task = white.task
     if white.fit is None or not ("motor.inertia" in task.free or has_gap(task)):
         return "the inertia is held"
-    if not any(_longest_measured_run(e.signals[task.roles.outputs[0]]) >= MIN_MEASURED_RUN
-               for e in task.experiments):
+    if not _has_measured_run(task, task.roles.outputs[0]):
         return f"no {MIN_MEASURED_RUN} values of the sensor were measured in a row"
     # If the torque varies and still identifies ratios alone, it may be of another axis, which free runs show.
     if only_ratios(white) and not any(np.ptp(e.signals["motor_torque"][a:b]) for e in task.experiments
@@ -91,10 +91,10 @@ def why_single_candidate(white: Outcome) -> str:
     return ""
 
 
-def _longest_measured_run(values: np.ndarray) -> int:
-    """The longest run of measured values."""
-    missing = np.flatnonzero(~np.isfinite(values))
-    return int(np.diff(np.concatenate([[-1], missing, [len(values)]])).max()) - 1
+def _has_measured_run(task: Task, role: str) -> bool:
+    """Whether enough values of a sensor in a row were measured in some recording."""
+    runs = [true_runs(np.isfinite(e.signals[role])) for e in task.experiments]
+    return any(np.diff(run).max(initial=0) >= MIN_MEASURED_RUN for run in runs)
 
 
 def candidates_of(white: Outcome, held: Sequence[str] = ()) -> CandidateSet:
@@ -164,8 +164,7 @@ def motions_of_bodies(outcome: Outcome, seen: Motions) -> dict[str, Motions]:
     measured = {}
     for role in task.roles.outputs[1:]:
         owner, _, kind = role.rpartition("_")
-        if kind in ("speed", "angle") and any(_longest_measured_run(e.signals[role]) >= MIN_MEASURED_RUN
-                                              for e in task.experiments):
+        if kind in ("speed", "angle") and _has_measured_run(task, role):
             measured[task.drive.load if owner == "load" else owner] = role
     passes = None
     for index, body in enumerate(task.drive.bodies[1:], 1):

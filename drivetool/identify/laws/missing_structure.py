@@ -15,7 +15,14 @@ from drivetool.identify.estimate import Estimate
 from drivetool.identify.fit import by_noise_continuation, looks_coloured, shaft_torque_row, with_coloured_noise
 from drivetool.identify.identifiability import without_shaft_intervals
 from drivetool.identify.laws.third_mass import third_mass_names, third_mass_score_test, with_split_load
-from drivetool.identify.noise import Fit, Noise, filtered, fit_innovations, minus_log_likelihood, unit_noise_ratio
+from drivetool.identify.noise import (
+    Fit,
+    Noise,
+    filtered,
+    fit_innovations,
+    minus_log_likelihood_at,
+    unit_noise_ratio,
+)
 from drivetool.identify.problem import Point
 from drivetool.identify.setup import Outcome, Task, has_gap
 from drivetool.identify.starts import attempt_or_none
@@ -84,9 +91,8 @@ def find_missing_structure(outcome: Outcome, white: Outcome, rival: Outcome) -> 
 def can_be_tested(outcome: Outcome, white: Outcome) -> bool:
     """Whether a missing gap and a missing third mass are tested at all."""
     drive = outcome.task.drive
-    if outcome.fit is None or white.fit is None or len(drive.bodies) != 2 or has_gap(outcome.task):
-        return False
-    return name_of(drive.shafts[0], "stiffness") in outcome.task.free
+    return (outcome.fit is not None and white.fit is not None and len(drive.bodies) == 2
+            and not has_gap(outcome.task) and name_of(drive.shafts[0], "stiffness") in outcome.task.free)
 
 
 def _likelihood_gain(outcome: Outcome, fit: Fit | None, rival: Outcome) -> float:
@@ -96,8 +102,8 @@ def _likelihood_gain(outcome: Outcome, fit: Fit | None, rival: Outcome) -> float
     """
     if fit is None:
         return -np.inf
-    passes = filtered(outcome.problem, outcome.solution.point, fit.noise, keep=False)
-    return min(outcome.fit.value, rival.fit.value, minus_log_likelihood(passes)) - fit.value
+    with_its_noise = minus_log_likelihood_at(outcome.problem, outcome.solution.point, fit.noise)
+    return min(outcome.fit.value, rival.fit.value, with_its_noise) - fit.value
 
 
 def report_missing_structure(estimate: Estimate, lack: MissingStructure | None, shaft: str) -> Estimate:
@@ -151,7 +157,7 @@ def _load_noise_gain(outcome: Outcome) -> float:
     natural = unit_noise_ratio(problem, point)
     noises = [replace(noise, others=natural * times, ratio=noise.ratio * share)
               for times in LOAD_NOISE_RATIOS for share in MOTOR_NOISE_RATIOS]
-    return outcome.fit.value - min(minus_log_likelihood(filtered(problem, point, n, keep=False)) for n in noises)
+    return outcome.fit.value - min(minus_log_likelihood_at(problem, point, n) for n in noises)
 
 
 def _fit_with_gap(outcome: Outcome, white: Outcome) -> tuple[Task, Fit | None]:

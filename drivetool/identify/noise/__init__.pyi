@@ -19,6 +19,7 @@ from .noise import (
     fit_ratio as fit_ratio,
     minimise_by_parabolas as minimise_by_parabolas,
     minus_log_likelihood as minus_log_likelihood,
+    minus_log_likelihood_at as minus_log_likelihood_at,
     restricted_likelihood as restricted_likelihood,
     unit_noise_ratio as unit_noise_ratio,
     with_disturbance_state as with_disturbance_state,

@@ -21,6 +21,7 @@ from drivetool.identify.noise.noise import (
     fit_ratio,
     likelier_ratio,
     minus_log_likelihood,
+    minus_log_likelihood_at,
     with_disturbance_state,
 )
 from drivetool.identify.problem import Point, Problem, Solution, schur, solve
@@ -167,11 +168,9 @@ def _with_backtracking(problem: Problem, before: Point, solution: Solution, nois
 
     Across a gap, frozen gains can lead to a point that new gains make unlikely.
     """
-    def value(point: Point) -> float:
-        return minus_log_likelihood(filtered(problem, point, noise, keep=False))
-
-    limit, share, point = value(before) + MAX_LIKELIHOOD_LOSS, 1.0, solution.point
-    while value(point) > limit and share > 0.05:
+    limit, share = minus_log_likelihood_at(problem, before, noise) + MAX_LIKELIHOOD_LOSS, 1.0
+    point = solution.point
+    while minus_log_likelihood_at(problem, point, noise) > limit and share > 0.05:
         share *= 0.4
         point = Point(before.values + share * (solution.point.values - before.values), tuple(
             a + share * (b - a) for a, b in zip(before.starts, solution.point.starts, strict=True)))

@@ -159,6 +159,11 @@ def minus_log_likelihood(passes: Sequence[Filtered]) -> float:
     return 0.5 * count * np.log(squares / count) + 0.5 * logs
 
 
+def minus_log_likelihood_at(problem: Problem, point: Point, noise: Noise) -> float:
+    """The same of a point under a noise model."""
+    return minus_log_likelihood(filtered(problem, point, noise, keep=False))
+
+
 def restricted_likelihood(problem: Problem, point: Point, noise: Noise,
                passes: Sequence[Filtered] | None = None) -> tuple[float, Normal]:
     """(restricted -log likelihood of a noise model, up to a constant; normal equations at the point under it).
@@ -172,7 +177,7 @@ def restricted_likelihood(problem: Problem, point: Point, noise: Noise,
     """
     passes = passes or filtered(problem, point, noise)
     logs = sum(float(np.sum(np.log(f.variance[np.isfinite(f.innovations)]))) for f in passes)
-    normal = _normal_equations(problem, point, noise, passes)
+    normal = filtered_normal_equations(problem, point, noise, passes)
     matrix, slope = dense_normal_equations(normal)
     size = np.sqrt(np.diag(matrix))
     keep = size > 0.0
@@ -186,14 +191,14 @@ def restricted_likelihood(problem: Problem, point: Point, noise: Noise,
     return 0.5 * (degrees * np.log(residual / degrees) + logs + determinant), normal
 
 
-def filtered_normal_equations(problem: Problem, point: Point, noise: Noise) -> Normal:
-    """Normal equations of the one-step prediction errors at a point, under the gains of a noise model."""
-    return _normal_equations(problem, point, noise, filtered(problem, point, noise))
+def filtered_normal_equations(problem: Problem, point: Point, noise: Noise,
+                              passes: Sequence[Filtered] | None = None) -> Normal:
+    """Normal equations of the one-step prediction errors at a point, under the gains of a noise model.
 
-
-def _normal_equations(problem: Problem, point: Point, noise: Noise, passes: Sequence[Filtered]) -> Normal:
-    model = problem.with_memory(noise.memory)
-    return model.normal(with_disturbance_state(point, noise), [f.gains for f in passes])
+    passes  under the noise, with their gains, where available
+    """
+    gains = [f.gains for f in passes or filtered(problem, point, noise)]
+    return problem.with_memory(noise.memory).normal(with_disturbance_state(point, noise), gains)
 
 
 def dense_normal_equations(normal: Normal) -> tuple[np.ndarray, np.ndarray]:

@@ -211,8 +211,7 @@ def marquardt_step(problem: Problem, point: Point, normal: Normal, damping: floa
                    hold: np.ndarray | None = None) -> tuple[np.ndarray, list[np.ndarray]]:
     """((k,) step inside the bounds, steps of the start states per trace); hold: (k,) fixed parameters."""
     matrix, slope, inverses = schur(normal, damping + 1e-12)
-    size = np.sqrt(np.diag(normal.shared))
-    size[size == 0.0] = 1.0
+    size = nonzero_scale(np.sqrt(np.diag(normal.shared)))
     move = ~blocked_by_bounds(problem, point, normal) & (np.diag(normal.shared) > 0.0)
     if hold is not None:
         move &= ~hold
@@ -225,6 +224,11 @@ def marquardt_step(problem: Problem, point: Point, normal: Normal, damping: floa
     own = [-inverse @ (own_slope + cross.T @ bounded) for cross, inverse, own_slope
            in zip(normal.cross, inverses, normal.own_slope, strict=True)]
     return bounded, own
+
+
+def nonzero_scale(size: np.ndarray) -> np.ndarray:
+    """Sizes (k,) to divide by: one in the place of zero."""
+    return np.where(size == 0.0, 1.0, size)
 
 
 def _beyond_linear_range(problem: Problem, point: Point, trial: Point) -> bool:

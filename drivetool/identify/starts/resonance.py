@@ -11,7 +11,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from drivetool.identify.noise import Fit, Noise, filtered, first_samples_of, fit_ratio, minus_log_likelihood
+from drivetool.identify.noise import Fit, Noise, filtered, first_samples_of, fit_ratio, minus_log_likelihood_at
 from drivetool.identify.problem import Point, Problem, take_steps
 from drivetool.identify.starts.process_noise_continuation import SHAPE_QUANTITIES
 from drivetool.quantity import quantity_of
@@ -71,7 +71,7 @@ def _after_few_steps(problem: Problem, point: Point, noise: Noise) -> tuple[floa
 
 
 def _value_or_inf(problem: Problem, point: Point, noise: Noise) -> float:
-    value = minus_log_likelihood(filtered(problem, point, noise, keep=False))
+    value = minus_log_likelihood_at(problem, point, noise)
     return value if np.isfinite(value) else np.inf
 
 
