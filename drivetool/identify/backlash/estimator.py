@@ -145,7 +145,7 @@ def backlash(experiments: Sequence[Experiment], drive: Drive, options: Options) 
         estimate = _with_profile_interval(estimate, name, found)
     for name, low in lower_limits.items():
         estimate = with_lower_limit_only(estimate, name, low)
-    estimate = _with_one_sided_findings(without_ambiguous(estimate, outcome, gaps), outcome, gaps)
+    estimate = _with_one_sided_findings(without_ambiguous(estimate, outcome, gaps), gaps)
     return with_low_inertia_findings(estimate, outcome, gaps, freed and [n for n in freed.free if n not in free])
 
 
@@ -163,9 +163,9 @@ def _by_inverse(experiments: Sequence[Experiment], drive: Drive, options: Option
     from drivetool.identify.inverse import greybox_by_inverse
 
     drive = with_friction_parts(drive)
-    free = free_parameters(drive, names_of(drive.shafts, "half_gap"),
-                           with_all_expanded(options, drive, experiments))
-    free = shared_free_names(free, drive, experiments)
+    free = shared_free_names(
+        free_parameters(drive, names_of(drive.shafts, "half_gap"), with_all_expanded(options, drive, experiments)),
+        drive, experiments)
     return replace(greybox_by_inverse(experiments, drive, free, roles, options), step="backlash")
 
 
@@ -300,7 +300,7 @@ def _contact_counts(outcome: Outcome, drive: Drive, gaps: Sequence[str]) -> dict
     return found
 
 
-def _with_one_sided_findings(estimate: Estimate, outcome: Outcome, gaps: Sequence[str]) -> Estimate:
+def _with_one_sided_findings(estimate: Estimate, gaps: Sequence[str]) -> Estimate:
     """A finding where a gap opened but never reached its other side: it has only a lower bound."""
     findings = list(estimate.findings)
     for g in gaps:

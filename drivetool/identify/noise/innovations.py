@@ -90,8 +90,8 @@ def fit_innovations(problem: Problem, point: Point, noise: Noise | None = None, 
         converged = near_optimum or rounds >= 2
         whole_range = (rounds == 2 and not near_optimum) or rounds % WHOLE_RANGE_PERIOD == 0
         around = None if whole_range and noise.memory is None else noise.ratio
-        fresh = fit_ratio(problem, point, noise, around, converged) if estimate_noise else noise
-        fresh = _sensor_scales(problem, point, fresh) if estimate_noise else noise
+        fresh = (_sensor_scales(problem, point, fit_ratio(problem, point, noise, around, converged))
+                 if estimate_noise else noise)
         change = abs(np.log(fresh.ratio / noise.ratio))
         noise = fresh
         passes = filtered(problem, point, noise, keep=False)
