@@ -106,12 +106,10 @@ def greybox(experiments: Sequence[Experiment], drive: Drive, options: Options) -
     estimate = compose("greybox", drive, outcome, findings, {}, figures, options.known, explanation,
                        alone=chosen_fit.alone)
     estimate = with_friction_of_file(estimate, outcome, options, free, explanation)
-    estimate = replace(estimate, findings=(*torque_timing(white), *estimate.findings))
     no_convergence = not_converged(outcome)
     model_incomplete = estimate.repeats or model_lacks or no_convergence
-    if model_incomplete:
-        contradicted = contradicted_held_values(task, white, options, requested)
-        estimate = replace(estimate, findings=(*contradicted, *estimate.findings))
+    contradicted = contradicted_held_values(task, white, options, requested) if model_incomplete else ()
+    estimate = replace(estimate, findings=(*contradicted, *torque_timing(white), *estimate.findings))
     if (outcome.drive.shafts and not has_gap(outcome.task) and model_incomplete
             and not can_be_tested(*chosen_fit.rivals[:2])):
         opened = opened_gap_findings(outcome.fitted, "the fitted model has none")

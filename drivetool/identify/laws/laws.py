@@ -88,10 +88,8 @@ def law_library(body_motions: Motions, turns: bool, body: str = "motor", name_su
 
     def law(name: str, of: Callable[[Motion, np.ndarray, np.ndarray], Sequence[np.ndarray]],
             part: Part = "idle torque", inertia: np.ndarray | None = None, parameter: str = "") -> None:
-        columns = []
-        for m in motions:
-            passed = 2.0 * (m.time - m.time[0]) / longest - 1.0
-            columns.append(np.column_stack(of(m, m.speed / top, passed)))
+        columns = [np.column_stack(of(m, m.speed / top, 2.0 * (m.time - m.time[0]) / longest - 1.0))
+                   for m in motions]
         size = np.sqrt(np.nanmean(np.concatenate(columns) ** 2, axis=0))
         if np.all(np.isfinite(size)) and np.all(size > 1e-9 * np.nanmax(np.abs(np.concatenate(columns)))):
             share = None if inertia is None else inertia / size

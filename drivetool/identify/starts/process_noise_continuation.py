@@ -83,12 +83,9 @@ def frozen_observers(problem: Problem, linear: Problem | None, point: Point, noi
 
 def _stationary_gains(linear: Problem, point: Point, noise: Noise) -> list[ObserverGains]:
     """The gains of a linear drive, which do not depend on the record: computed until they are stationary."""
-    longest = {}
-    for i, t in enumerate(linear.traces):
-        if t.step not in longest or t.size > linear.traces[longest[t.step]].size:
-            longest[t.step] = i
     found = {}
-    for step, i in longest.items():
+    for step in dict.fromkeys(t.step for t in linear.traces):
+        i = max((i for i, t in enumerate(linear.traces) if t.step == step), key=lambda i: linear.traces[i].size)
         one = replace(linear, traces=(_first_samples(linear.traces[i], GAIN_SETTLING_SAMPLES),))
         found[step] = filtered(one, Point(point.values, (point.starts[i],)), noise)[0].gains
     gains = []
