@@ -113,7 +113,7 @@ def by_innovations(task: Task, starts: Sequence[Mapping[str, float]], seed: int 
     best = refit_with_tight_tolerance(problem, best)
     tried = [{**_start_record(task, {"way": f"{d.way} observer", **{f"start {k}": v for k, v in d.start.items()}},
                       d.end, best), "apart": gap(best, d.end)} for d in found]
-    return Outcome(task, problem, best.solution, best, tuple(tried), best.converged)
+    return Outcome.of_fit(task, problem, best, tried)
 
 
 def _continued_from_sums(start: Task, way: str, noise_factor: float) -> Task:
@@ -146,8 +146,7 @@ def refit(task: Task, noise: Noise, wanted: float = np.inf) -> Outcome:
     fit = refit_with_tight_tolerance(problem, fit_innovations(problem, point, replace(noise, memory=None,
                                                                                       slow=None), near_optimum=True,
                                                               wanted=wanted))
-    return Outcome(task, problem, fit.solution, fit, (_start_record(task, {"way": "again"}, fit, fit),),
-                   fit.converged)
+    return Outcome.of_fit(task, problem, fit, [_start_record(task, {"way": "again"}, fit, fit)])
 
 
 def is_multimodal(task: Task) -> bool:
@@ -204,8 +203,7 @@ def _from_every_start(task: Task, problem: Problem, starts: Sequence[Mapping[str
     fits = without_failed([fit for _, fit in found])
     best = refit_with_tight_tolerance(problem, _best_of_two_continued(problem, fits) if several
                                       else min(fits, key=lambda f: f.value))
-    tried = tuple(_start_record(task, entry, fit, best) for entry, fit in finished)
-    return Outcome(task, problem, best.solution, best, tried, best.converged)
+    return Outcome.of_fit(task, problem, best, [_start_record(task, entry, fit, best) for entry, fit in finished])
 
 
 def _through_simulation(start: Task, problem: Problem, most: int) -> Fit:
@@ -226,7 +224,7 @@ def fit_noise_only(task: Task) -> Outcome:
     """The outcome of a fit in which only the noise and the start states are free."""
     problem = task.problem(free=())
     fit = fit_innovations(problem, first_point(task.drive, problem, task.roles))
-    return Outcome(task, problem, fit.solution, fit, (), fit.converged)
+    return Outcome.of_fit(task, problem, fit)
 
 
 def with_coloured_noise(outcome: Outcome) -> Outcome:

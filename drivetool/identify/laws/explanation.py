@@ -286,7 +286,7 @@ def _innovations_outcome_at(c: Candidate, field: CandidateSet) -> Outcome:
     solution = solve(problem, point, gains, max_iterations=0)
     passes = tuple(filtered(problem, solution.point, noise, keep=False))
     fit = Fit(solution, noise, minus_log_likelihood(passes), passes, 0, 0.0, True)
-    return Outcome(task, problem, solution, fit, (), True)
+    return Outcome.of_fit(task, problem, fit)
 
 
 def _found_laws(field: CandidateSet, c: Candidate) -> tuple[FoundLaw, ...]:

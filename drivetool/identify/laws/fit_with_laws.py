@@ -73,4 +73,4 @@ def _fit_innovations_from(task: Task, before: Outcome, point: Point, noise: Nois
     problem = task.problem()
     fit = fit_innovations(problem, point, noise, near_optimum=True, max_rounds=max_rounds)
     fit = refit_with_tight_tolerance(problem, fit) if fit.converged else fit
-    return Outcome(task, problem, fit.solution, fit, before.starts, fit.converged)
+    return Outcome.of_fit(task, problem, fit, before.starts)

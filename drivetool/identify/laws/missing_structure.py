@@ -209,7 +209,7 @@ def _fit_with_third_mass(outcome: Outcome, white: Outcome, wanted: float) -> tup
         if fit.value > wanted - MIN_STRUCTURE_GAIN:
             continue
         if looks_coloured(fit.passes):
-            fit = with_coloured_noise(Outcome(task, task.problem(), fit.solution, fit, (), fit.converged)).fit
+            fit = with_coloured_noise(Outcome.of_fit(task, task.problem(), fit)).fit
         if not looks_coloured(fit.passes):
             return task.at_point(fit.point), fit
     return outcome.task, None

@@ -74,6 +74,11 @@ class Outcome:
     starts: tuple[dict, ...]
     converged: bool
 
+    @classmethod
+    def of_fit(cls, task: Task, problem: Problem, fit: Fit, starts: Sequence[dict] = ()) -> Outcome:
+        """The outcome of an innovations fit."""
+        return cls(task, problem, fit.solution, fit, tuple(starts), fit.converged)
+
     @property
     def fitted(self) -> Task:
         """The task at the fitted values."""

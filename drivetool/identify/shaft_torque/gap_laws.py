@@ -153,7 +153,7 @@ def _fit_or_none(task: Task, repeats: int, noise: Noise | None = None) -> Outcom
             fit = refit_with_tight_tolerance(problem, until_converged(problem, fit, repeats))
     except (DriveToolError, np.linalg.LinAlgError):
         return None
-    return Outcome(task, problem, fit.solution, fit, (), fit.converged)
+    return Outcome.of_fit(task, problem, fit)
 
 
 def _likeliest_with_starts(found: Sequence[Outcome]) -> Outcome | None:
