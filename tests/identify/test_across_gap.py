@@ -30,7 +30,7 @@ def task(gap=0.01, free=FREE, step=1e-3):
 def outcome(value, numbers, starts=(), of=None):
     """A fit of two parameters whose cost is one per degree of freedom, the curvature the unit matrix."""
     normal = Normal(np.eye(2), (), (), np.zeros(2), (), 100.0)
-    problem = SimpleNamespace(count=102, unknowns=2)
+    problem = SimpleNamespace(count=102, unknowns=2, variance=lambda cost: cost / 100.0)
     solution = SimpleNamespace(point=Point(np.array(numbers), ()), normal=normal, cost=100.0)
     made = of or SimpleNamespace(free=("a", "b"), at_point=lambda point: point)
     return Outcome(made, problem, solution, SimpleNamespace(value=value), tuple(starts), True)

@@ -27,6 +27,7 @@ from drivetool.identify.estimate import (
 )
 from drivetool.identify.fit import (
     Contact,
+    by_innovations,
     contact_of,
     fit_noise_only,
     fit_task,
@@ -40,7 +41,6 @@ from drivetool.identify.greybox import ALL, free_parameters, with_all_expanded
 from drivetool.identify.identifiability import (
     HALF_CHI2_95,
     Profile,
-    fit_low_inertia_ratio,
     never_crossed,
     profile,
     with_low_inertia_findings,
@@ -49,9 +49,8 @@ from drivetool.identify.identifiability import (
     without_upper_limit,
 )
 from drivetool.identify.laws import default_fit
-from drivetool.identify.noise import Noise, filtered, fit_ratio, minus_log_likelihood
+from drivetool.identify.noise import Noise, fit_ratio, minus_log_likelihood_at
 from drivetool.identify.outcome import compose, not_converged
-from drivetool.identify.problem import Point
 from drivetool.identify.setup import (
     Options,
     Outcome,
@@ -59,7 +58,7 @@ from drivetool.identify.setup import (
     Task,
     after_transient,
     at_rates,
-    first_states,
+    first_point,
     known_states,
     refuse_free_torque_constants,
     roles_of,
@@ -76,7 +75,7 @@ from drivetool.identify.shaft_torque import (
     with_frictions,
     with_identified_friction,
 )
-from drivetool.identify.starts import PARALLEL_STARTS, start_agrees
+from drivetool.identify.starts import PARALLEL_STARTS, search_from_prior, start_agrees
 from drivetool.logs import Experiment
 from drivetool.logs.samples import without_unmeasured
 from drivetool.quantity import names_of, owner_of, with_parts
@@ -132,12 +131,12 @@ def backlash(experiments: Sequence[Experiment], drive: Drive, options: Options) 
         laws, white = _with_likelier_law(white, requested)
     fit = default_fit(white, options, bool(lower_limits))
     outcome, explanation = fit.outcome, fit.explanation
-    profiles = {g: _half_gap_profile(outcome, g) for g in gaps if outcome.fit is not None
-                and not not_converged(outcome) and g not in lower_limits and _is_wide(outcome, g)}
+    profiles = {g: found for g in gaps if outcome.fit is not None and not not_converged(outcome)
+                and g not in lower_limits and (found := _profile_if_wide(outcome, g)) is not None}
     estimate = compose(
         "backlash", drive, outcome, explanation.findings if explanation else (),
         {"contact": _contact_counts(outcome, drive, gaps), **(dead_stretch_details(laws) if laws else {})},
-        known=options.known, explanation=explanation)
+        known=options.known, explanation=explanation, alone=fit.alone)
     estimate = with_friction_of_file(estimate, outcome, options, free, explanation)
     estimate = replace(estimate, findings=(*torque_timing(white), *suspect_channel_findings(task, outcome.drive),
                                            *gap_law_findings(laws, outcome, free, not not_converged(outcome)),
@@ -146,9 +145,7 @@ def backlash(experiments: Sequence[Experiment], drive: Drive, options: Options) 
         estimate = _with_profile_interval(estimate, name, found)
     for name, low in lower_limits.items():
         estimate = with_lower_limit_only(estimate, name, low)
-    estimate = _with_one_sided_findings(without_ambiguous(estimate, outcome, gaps), outcome, gaps)
-    if fit.alone:
-        estimate = replace(estimate, explanation=fit.alone)
+    estimate = _with_one_sided_findings(without_ambiguous(estimate, outcome, gaps), gaps)
     return with_low_inertia_findings(estimate, outcome, gaps, freed and [n for n in freed.free if n not in free])
 
 
@@ -158,8 +155,7 @@ def _with_likelier_law(white: Outcome, requested: Options) -> tuple[BothLaws | N
     After a fit that has not converged, neither law would be the machine's.
     """
     laws = None if not_converged(white) else both_laws_from(white, requested)
-    other = laws is not None and laws.outcome.drive.damping_law != white.drive.damping_law
-    return laws, laws.outcome if laws is not None and other else white
+    return laws, laws.outcome if laws and laws.outcome.drive.damping_law != white.drive.damping_law else white
 
 
 def _by_inverse(experiments: Sequence[Experiment], drive: Drive, options: Options, roles: Roles) -> Estimate:
@@ -167,21 +163,22 @@ def _by_inverse(experiments: Sequence[Experiment], drive: Drive, options: Option
     from drivetool.identify.inverse import greybox_by_inverse
 
     drive = with_friction_parts(drive)
-    free = free_parameters(drive, names_of(drive.shafts, "half_gap"),
-                           with_all_expanded(options, drive, experiments))
-    free = shared_free_names(free, drive, experiments)
+    free = shared_free_names(
+        free_parameters(drive, names_of(drive.shafts, "half_gap"), with_all_expanded(options, drive, experiments)),
+        drive, experiments)
     return replace(greybox_by_inverse(experiments, drive, free, roles, options), step="backlash")
 
 
 def _fit_low_inertia(task: Task, gaps: Sequence[str], options: Options, requested: Options,
                  ) -> tuple[Outcome, dict[str, float]]:
     """The fit of a low load inertia, and the lower limit of each gap that was never crossed."""
-    outcome, lower_limits = fit_low_inertia_ratio(task, options.known, options), {}
+    outcome, lower_limits = by_innovations(task, [{}], options.seed, options.starts,
+                                           search_from_prior(options.known)), {}
     single_start = sum(start_agrees(outcome, s) for s in outcome.starts) < 2
     if not single_start:
         outcome = split_totals(outcome, requested)
         if not_converged(outcome):  # a few rounds more: two starts agree on this optimum
-            outcome = refit(outcome.task.at_point(outcome.solution.point), outcome.fit.noise)
+            outcome = refit(outcome.fitted, outcome.fit.noise)
     for g in gaps:
         found = never_crossed(outcome, g)
         # Two fits that explain the record equally badly give no lower limit.
@@ -204,10 +201,10 @@ def _half_gap_starts(task: Task, gaps: Sequence[str], options: Options) -> list[
     def likelihood_at(share: float, noise: Noise | None) -> tuple[float, Noise]:
         trial = task.at({g: share * twist[g] for g in gaps})
         problem = trial.problem(free=())
-        point = Point(np.empty(0), first_states(trial.drive, task.roles, problem.traces))
+        point = first_point(trial.drive, problem, task.roles)
         if noise is None:
             noise = fit_ratio(problem, point, Noise(1.0, None, problem.scale))
-        return minus_log_likelihood(filtered(problem, point, noise, keep=False)), noise
+        return minus_log_likelihood_at(problem, point, noise), noise
 
     with ThreadPoolExecutor(PARALLEL_STARTS) as pool:
         coarse = list(pool.map(lambda share: likelihood_at(share, None), HALF_GAP_SCAN[::8]))
@@ -231,31 +228,25 @@ def local_minima(values: np.ndarray) -> list[int]:
     return [int(i) for i in local[np.argsort(values[local], kind="stable")]]
 
 
-def _is_wide(outcome: Outcome, name: str) -> bool:
+def _profile_if_wide(outcome: Outcome, name: str) -> Profile | None:
+    """The profile of a half gap whose interval by curvature is wide; None of another."""
     covariance, _, free = covariance_of(outcome.problem, outcome.solution)
     j = outcome.problem.names.index(name)
-    value = outcome.solution.point.values[j]
-    return not free[j] or not np.sqrt(covariance[j, j]) < MAX_CURVATURE_RELATIVE_STD * value
-
-
-def _half_gap_profile(outcome: Outcome, name: str) -> Profile:
-    covariance, _, _ = covariance_of(outcome.problem, outcome.solution)
-    j = outcome.problem.names.index(name)
     std, value = np.sqrt(covariance[j, j]), outcome.solution.point.values[j]
+    if free[j] and std < MAX_CURVATURE_RELATIVE_STD * value:
+        return None
     step = std if np.isfinite(std) and std > 0.0 else max(value, 10.0 * outcome.problem.size[j])
     return profile(outcome, name, float(step))
 
 
 def _with_profile_interval(estimate: Estimate, name: str, found: Profile) -> Estimate:
     """Replace the interval of a half gap by that of its profile."""
-    line = next(p for p in estimate.parameters if p.name == name)
-    low = found.low if found.low is not None else 0.0
-    at_zero = found.low is None
+    line, low = estimate.line(name), 0.0 if found.low is None else found.low
     findings = list(estimate.findings)
     if found.high is None:
         new, finding = without_upper_limit(line, low)
         findings.append(finding)
-    elif at_zero:
+    elif found.low is None:
         new = line.replace(std=None, ci95=(0.0, found.high), status="at-bound" if line.value <= 0.0 else "fitted",
                            reason="not distinguishable from zero; the interval is one-sided")
         findings.append(Finding(
@@ -275,49 +266,46 @@ def _with_profile_interval(estimate: Estimate, name: str, found: Profile) -> Est
                     "rise of -log likelihood", {
                         "profile": (found.values, found.rise),
                         "95 % level": (found.values[[0, -1]], np.full(2, HALF_CHI2_95))})
-    parameters = tuple(new if p.name == name else p for p in estimate.parameters)
-    return replace(estimate, parameters=parameters, findings=tuple(findings),
-                   exhibits=(*estimate.exhibits, curve))
+    return replace(estimate.with_line(new), findings=tuple(findings), exhibits=(*estimate.exhibits, curve))
 
 
 def without_ambiguous(estimate: Estimate, outcome: Outcome, gaps: Sequence[str]) -> Estimate:
     """No interval where a start converged to a different gap that is as likely."""
     rivals = [s["reached"] for s in outcome.starts
               if s.get("minus_log_likelihood_above_best", np.inf) < HALF_CHI2_95 and "reached" in s]
-    lines, findings = list(estimate.parameters), list(estimate.findings)
+    findings = list(estimate.findings)
     for g in gaps:
-        i = next(i for i, p in enumerate(lines) if p.name == g)
-        value, width = lines[i].value, 4.0 * (lines[i].std or 0.0) + 0.02 * lines[i].value
+        line = estimate.line(g)
+        value, width = line.value, 4.0 * (line.std or 0.0) + 0.02 * line.value
         others = [r[g] for r in rivals if abs(r[g] - value) > width]
-        if lines[i].status != "fitted" or not others:
+        if line.status != "fitted" or not others:
             continue
         low, high = min([value, *others]), max([value, *others])
-        lines[i] = lines[i].replace(std=None, ci95=None, status="not-identifiable",
-                           reason=f"half gaps from {low:.3g} to {high:.3g} explain the record equally well")
+        estimate = estimate.with_line(line.replace(
+            std=None, ci95=None, status="not-identifiable",
+            reason=f"half gaps from {low:.3g} to {high:.3g} explain the record equally well"))
         findings.append(Finding(
             "warning", "gap-ambiguous",
-            f"Half gaps from {low:.3g} to {high:.3g} {lines[i].unit} explain this record equally well.",
+            f"Half gaps from {low:.3g} to {high:.3g} {line.unit} explain this record equally well.",
             {"low": low, "high": high}, "Record torque steps that cross the gap both ways.", g))
-    return replace(estimate, parameters=tuple(lines), findings=tuple(findings))
+    return replace(estimate, findings=tuple(findings))
 
 
 def _contact_counts(outcome: Outcome, drive: Drive, gaps: Sequence[str]) -> dict[str, dict[str, float]]:
     """How often each gap opened and how often it was crossed, at the estimate."""
-    task = outcome.task.at_point(outcome.solution.point)
-    found = {}
+    task, found = outcome.fitted, {}
     for g in gaps:
         c = contact_of(task, drive.shafts.index(owner_of(g)))
         found[g] = {"opened": c.opened, "crossed": c.crossed, "open_percent": 100.0 * c.open_share}
     return found
 
 
-def _with_one_sided_findings(estimate: Estimate, outcome: Outcome, gaps: Sequence[str]) -> Estimate:
+def _with_one_sided_findings(estimate: Estimate, gaps: Sequence[str]) -> Estimate:
     """A finding where a gap opened but never reached its other side: it has only a lower bound."""
     findings = list(estimate.findings)
     for g in gaps:
         counts = estimate.details["contact"][g]
-        value = next(p.value for p in estimate.parameters if p.name == g)
-        if value > 0.0 and counts["opened"] > 0 and counts["crossed"] == 0:
+        if estimate.line(g).value > 0.0 and counts["opened"] > 0 and counts["crossed"] == 0:
             findings.append(Finding(
                 "warning", "gap-not-crossed",
                 f"The gap opened {counts['opened']} times but its other side was never reached: {g} has only a "
@@ -328,9 +316,8 @@ def _with_one_sided_findings(estimate: Estimate, outcome: Outcome, gaps: Sequenc
 def _unopened_estimate(task: Task, drive: Drive, unopened: Sequence[str], closed: dict[str, Contact],
                  options: Options) -> Estimate:
     """The estimate for a record whose shaft torque keeps its sign: the half gap is not fitted."""
-    others = tuple(n for n in task.free if n not in unopened)
-    held = replace(task, free=others)
-    outcome = fit_task(held, options, [{}]) if others else fit_noise_only(held)
+    held = task.with_held(unopened)
+    outcome = fit_task(held, options, [{}]) if held.free else fit_noise_only(held)
     findings, lines = [], []
     for g in unopened:
         c = closed[g]

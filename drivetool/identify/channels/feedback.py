@@ -47,19 +47,17 @@ def feedback_of(stretches: Sequence[np.ndarray], lags: int = GRANGER_LAGS) -> Fe
                all of it (a signal generator's multisine)
     source     Granger 1969; Caines and Chan 1975
     """
-    now, own, both = [], [], []
+    parts = []
     for x in stretches:
         x = x[:MAX_FEEDBACK_SAMPLES]
         n = len(x) - lags
         if n < 5 * lags:
             continue
         past = np.lib.stride_tricks.sliding_window_view(x - x.mean(axis=0), lags, axis=0)[:n]
-        now.append(x[lags:, 0] - x[:, 0].mean())
-        own.append(past[:, 0])
-        both.append(past.reshape(n, -1))
-    if not now:
+        parts.append((x[lags:, 0] - x[:, 0].mean(), past[:, 0], past.reshape(n, -1)))
+    if not parts:
         return Feedback(1.0, 0.0)
-    u, a, b = np.concatenate(now), np.concatenate(own), np.concatenate(both)
+    u, a, b = (np.concatenate(each) for each in zip(*parts, strict=True))
     without_sensor, with_sensor = _residual_sum(a, u), _residual_sum(b, u)
     # Rounding is not feedback: the residual must be a real share of the torque.
     degrees = len(u) - b.shape[1] - 1

@@ -102,7 +102,8 @@ def _fit_by_time_constant(outcome: Outcome, fit: Fit, way: int, cycle: int) -> C
     def fit_at(time: float) -> ShiftedFit:
         def change(torque: np.ndarray) -> np.ndarray:
             moved = _shifted(way * cycle)(torque)
-            return _without_lag(moved, time) if way == EARLIER else _with_lag(moved, time)
+            # The input of a digital low-pass, from its output; or the output.
+            return moved + time * np.diff(moved, prepend=moved[0]) if way == EARLIER else _with_lag(moved, time)
 
         return replace(_fit_with_torque(outcome, fit, change, cycle + time), time=time)
 
@@ -153,13 +154,8 @@ def _shifted(samples: float) -> Change:
     return lambda torque: whole(torque, low) if low == high else 0.5 * (whole(torque, low) + whole(torque, high))
 
 
-def _without_lag(torque: np.ndarray, time: float) -> np.ndarray:
-    """The input of a digital low-pass, y += (u - y) / (1 + time), from its output."""
-    return torque + time * np.diff(torque, prepend=torque[0])
-
-
 def _with_lag(torque: np.ndarray, time: float) -> np.ndarray:
-    """The output of such a low-pass."""
+    """The output of a digital low-pass, y += (u - y) / (1 + time)."""
     from scipy.signal import lfilter
 
     pole = time / (1.0 + time)

@@ -41,7 +41,7 @@ def without_outliers(outcome: Outcome) -> tuple[Outcome, list[Finding]]:
         problem = task.problem()
         fit = refit_with_tight_tolerance(problem,
                      fit_innovations(problem, outcome.solution.point, outcome.fit.noise, near_optimum=True))
-        outcome = Outcome(task, problem, fit.solution, fit, outcome.starts, fit.converged)
+        outcome = Outcome.of_fit(task, problem, fit, outcome.starts)
     return (outcome, [_outlier_finding(first, outcome, times)]) if times else (outcome, [])
 
 

@@ -117,7 +117,8 @@ def _figure_derivatives(drive: Drive, name: str, step: float, figures: dict[str,
     """Derivatives of the figures over a parameter."""
     if name not in drive.values or step == 0.0:
         return [0.0] * len(figures)
-    ends = [_figures_of(_with_value(drive, name, drive.values[name] + side * step)) for side in (1.0, -1.0)]
+    ends = [_figures_of(replace(drive, values={**drive.values, name: drive.values[name] + side * step}))
+            for side in (1.0, -1.0)]
     return [(ends[0][n][0] - ends[1][n][0]) / (2.0 * step) if all(n in e for e in ends) else np.nan
             for n in figures]
 
@@ -134,7 +135,3 @@ def _moving_parameters(drive: Drive, unknown: Sequence[Parameter],
             if not abs(slope * step) < 0.1 * MIN_RELATIVE_EFFECT * abs(value):
                 found[k].append(p.name)
     return found
-
-
-def _with_value(drive: Drive, name: str, value: float) -> Drive:
-    return replace(drive, values={**drive.values, name: value})

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Collection, Iterable, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
@@ -161,6 +161,14 @@ class Estimate:
     laws: tuple[FoundLaw, ...] = ()
     ratios: tuple[Parameter, ...] = ()
     repeats: bool = False
+
+    def line(self, name: str) -> Parameter:
+        """The parameter of that name."""
+        return next(p for p in self.parameters if p.name == name)
+
+    def with_line(self, line: Parameter) -> Estimate:
+        """The same with another line in the place of that of its name."""
+        return replace(self, parameters=tuple(line if p.name == line.name else p for p in self.parameters))
 
 
 def without_intervals(lines: Sequence[Parameter], why: str = "the fit did not converge") -> tuple[Parameter, ...]:

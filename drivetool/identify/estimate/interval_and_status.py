@@ -166,13 +166,9 @@ def correlated_with(covariance: np.ndarray, names: Sequence[str], j: int) -> lis
     """Parameters that are strongly correlated with parameter j."""
     if not np.isfinite(covariance[j, j]) or covariance[j, j] <= 0.0:
         return []
-    found = []
-    for i, name in enumerate(names):
-        if i != j and np.isfinite(covariance[i, i]) and covariance[i, i] > 0.0:
-            rho = covariance[i, j] / np.sqrt(covariance[i, i] * covariance[j, j])
-            if abs(rho) > 0.9:
-                found.append(name)
-    return found
+    return [name for i, name in enumerate(names)
+            if i != j and np.isfinite(covariance[i, i]) and covariance[i, i] > 0.0
+            and abs(covariance[i, j] / np.sqrt(covariance[i, i] * covariance[j, j])) > 0.9]
 
 
 def why_not_identifiable(name: str, partners: Sequence[str], drive: Drive) -> str:

@@ -18,7 +18,7 @@ from drivetool.identify.noise import (
     fit_correlated_noise,
     fit_innovations,
     fit_ratio,
-    minus_log_likelihood,
+    minus_log_likelihood_at,
     refit_with_tight_tolerance,
     unit_noise_ratio,
     with_global_noise_search,
@@ -42,21 +42,6 @@ from drivetool.identify.starts import (
 )
 from drivetool.progress import counted
 from drivetool.quantity import quantity_of
-
-__all__ = [
-    "Outcome",
-    "Task",
-    "by_innovations",
-    "by_simulation",
-    "fit_noise_only",
-    "fit_task",
-    "free_run",
-    "looks_coloured",
-    "refit",
-    "segment_of",
-    "segment_states",
-    "with_coloured_noise",
-]
 
 DEFAULT_SEGMENT = 2.0  # s; longer free runs across a gap end in wrong optima
 # Rounds after which only the best two of several starts continue. A choice: by then they have an order
@@ -128,7 +113,7 @@ def by_innovations(task: Task, starts: Sequence[Mapping[str, float]], seed: int 
     best = refit_with_tight_tolerance(problem, best)
     tried = [{**_start_record(task, {"way": f"{d.way} observer", **{f"start {k}": v for k, v in d.start.items()}},
                       d.end, best), "apart": gap(best, d.end)} for d in found]
-    return Outcome(task, problem, best.solution, best, tuple(tried), best.converged)
+    return Outcome.of_fit(task, problem, best, tried)
 
 
 def _continued_from_sums(start: Task, way: str, noise_factor: float) -> Task:
@@ -161,8 +146,7 @@ def refit(task: Task, noise: Noise, wanted: float = np.inf) -> Outcome:
     fit = refit_with_tight_tolerance(problem, fit_innovations(problem, point, replace(noise, memory=None,
                                                                                       slow=None), near_optimum=True,
                                                               wanted=wanted))
-    return Outcome(task, problem, fit.solution, fit, (_start_record(task, {"way": "again"}, fit, fit),),
-                   fit.converged)
+    return Outcome.of_fit(task, problem, fit, [_start_record(task, {"way": "again"}, fit, fit)])
 
 
 def is_multimodal(task: Task) -> bool:
@@ -191,7 +175,8 @@ def _from_every_start(task: Task, problem: Problem, starts: Sequence[Mapping[str
         point = first_point(start.drive, problem, task.roles)
         return [(way, attempt_or_none(lambda way=way: fit_innovations(
             problem, point, linear=None if way == "direct" else start.linear_problem(), max_rounds=most)))
-            for way in _observers_to_try(start)]
+            # Two for a nonlinear drive, which has several local optima.
+            for way in (("direct", "constant gain") if has_gap(start) else ("direct",))]
 
     found: list[tuple[dict, Fit | None]] = []
 
@@ -218,8 +203,7 @@ def _from_every_start(task: Task, problem: Problem, starts: Sequence[Mapping[str
     fits = without_failed([fit for _, fit in found])
     best = refit_with_tight_tolerance(problem, _best_of_two_continued(problem, fits) if several
                                       else min(fits, key=lambda f: f.value))
-    tried = tuple(_start_record(task, entry, fit, best) for entry, fit in finished)
-    return Outcome(task, problem, best.solution, best, tried, best.converged)
+    return Outcome.of_fit(task, problem, best, [_start_record(task, entry, fit, best) for entry, fit in finished])
 
 
 def _through_simulation(start: Task, problem: Problem, most: int) -> Fit:
@@ -231,22 +215,16 @@ def _through_simulation(start: Task, problem: Problem, most: int) -> Fit:
 
 def _best_of_two_continued(problem: Problem, fits: Sequence[Fit]) -> Fit:
     """The best fit after the best two continued to the end; the others are dropped."""
-    ends = []
-    for fit in sorted(fits, key=lambda f: f.value)[:2]:
-        ends.append(fit if fit.converged else fit_innovations(problem, fit.point, fit.noise))
+    ends = [fit if fit.converged else fit_innovations(problem, fit.point, fit.noise)
+            for fit in sorted(fits, key=lambda f: f.value)[:2]]
     return min(ends, key=lambda f: f.value)
-
-
-def _observers_to_try(task: Task) -> tuple[str, ...]:
-    """Observers to start with: two for a nonlinear drive, which has several local optima."""
-    return ("direct", "constant gain") if has_gap(task) else ("direct",)
 
 
 def fit_noise_only(task: Task) -> Outcome:
     """The outcome of a fit in which only the noise and the start states are free."""
     problem = task.problem(free=())
-    fit = fit_innovations(problem, Point(np.empty(0), first_states(task.drive, task.roles, problem.traces)))
-    return Outcome(task, problem, fit.solution, fit, (), fit.converged)
+    fit = fit_innovations(problem, first_point(task.drive, problem, task.roles))
+    return Outcome.of_fit(task, problem, fit)
 
 
 def with_coloured_noise(outcome: Outcome) -> Outcome:
@@ -258,7 +236,7 @@ def with_coloured_noise(outcome: Outcome) -> Outcome:
     if fit is None or not looks_coloured(fit.passes):
         return outcome
     noise = fit_correlated_noise(problem, fit.point, fit.noise,
-                        lambda n: minus_log_likelihood(filtered(problem, fit.point, n, keep=False)))
+                                 lambda n: minus_log_likelihood_at(problem, fit.point, n))
     trial = with_global_noise_search(problem, fit_innovations(problem, fit.point, noise))
     if trial.value > fit.value - MIN_COLOUR_GAIN:
         return outcome
@@ -369,7 +347,7 @@ def free_run(task: Task, traces: Sequence[Trace] | None = None, noise: Noise | N
     problem = task.problem(free=())
     if traces is not None:
         problem = replace(problem, traces=tuple(traces))
-    point = Point(np.empty(0), first_states(task.drive, task.roles, problem.traces))
+    point = first_point(task.drive, problem, task.roles)
     if noise is None or noise.memory is not None:
         noise = fit_ratio(problem, point, Noise(1.0, None, problem.scale), quick=True)
     starts = smoothed_starts(problem, point, noise)

@@ -43,8 +43,8 @@ def tasks_with_parts(task: Task, total: str) -> list[tuple[Task, tuple[str, ...]
     found = []
     for values, parts in [(shared, tuple(shared)), *([(ends, (first, last))] if len(bodies) > 2 else [])]:
         values = {p: max(v, drive.quantity(p).bounds[0]) for p, v in values.items()}
-        free = tuple(n for n in drive.quantities if n in {*task.free, *parts} - {total})
-        found.append((replace(task, drive=drive.with_values(values), free=free), parts))
+        split = replace(task, drive=drive.with_values(values))
+        found.append((split.with_free({*task.free, *parts} - {total}), parts))
     return found
 
 

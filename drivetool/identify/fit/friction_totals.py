@@ -10,7 +10,6 @@ from drivetool.errors import BadOption
 from drivetool.identify.fit.engine import by_simulation, fit_task, is_multimodal, refit, segment_of
 from drivetool.identify.fit.friction_split import parts_identifiable, tasks_with_parts
 from drivetool.identify.noise import Noise, filtered_normal_equations, fit_ratio
-from drivetool.identify.problem import Point
 from drivetool.identify.setup import Options, Outcome, Task, first_point
 from drivetool.identify.starts import scaled_to_totals
 from drivetool.quantity import names_of, quantity_of, record_of, shared
@@ -116,16 +115,14 @@ def split_totals(outcome: Outcome, options: Options) -> Outcome:
 def _parts_identifiable_now(task: Task, outcome: Outcome, parts: Sequence[str], whole: float) -> bool:
     """Whether the parts are identifiable at the present estimate."""
     problem = task.problem(_segment_of_outcome(outcome))
-    point = first_point(task.drive, problem, task.roles)
-    point = Point(point.values, outcome.solution.point.starts)
+    point = replace(first_point(task.drive, problem, task.roles), starts=outcome.solution.point.starts)
     normal = (problem.normal(point) if outcome.fit is None
               else filtered_normal_equations(problem, point, outcome.fit.noise))
     return parts_identifiable(task, problem, point, normal, parts, whole)
 
 
 def _segment_of_outcome(outcome: Outcome) -> float:
-    whole = outcome.task.problem(free=())
-    if len(whole.traces) == len(outcome.problem.traces):
+    if len(outcome.task.traces()) == len(outcome.problem.traces):
         return 0.0
     return outcome.problem.traces[0].size * outcome.problem.traces[0].step
 

@@ -9,8 +9,7 @@ import numpy as np
 from drivetool.drive import Assembly, Layout, in_contact
 from drivetool.finding import Finding
 from drivetool.identify.noise import Noise, filtered, fit_ratio
-from drivetool.identify.problem import Point
-from drivetool.identify.setup import Task, first_states, with_trial_values
+from drivetool.identify.setup import Task, first_point, with_trial_values
 from drivetool.quantity import name_of, names_of
 
 
@@ -35,7 +34,7 @@ class Contact:
 def contact_of(task: Task, shaft: int) -> Contact:
     """The contact of a shaft, from a Kalman pass with the drive as it is."""
     problem = task.problem(free=())
-    point = Point(np.empty(0), first_states(task.drive, task.roles, problem.traces))
+    point = first_point(task.drive, problem, task.roles)
     noise = fit_ratio(problem, point, Noise(1.0, None, problem.scale))
     plain, spring = shaft_torque_row(task, shaft, problem.traces[0].step)
     reach = plain.shafts[shaft][0].v * (plain.gaps[shaft].v if shaft in plain.gaps else 0.0)

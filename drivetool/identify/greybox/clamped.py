@@ -47,21 +47,16 @@ def check_clamped(experiment: Experiment, drive: Drive, body: str) -> None:
         raise BadRecording(f"{body} at standstill in {experiment.name}, where it is clamped",
                            f"that it follows {100.0 * share:.2g} % of the motor's motion", advice)
     mean = abs(float(np.nanmean(motor)))
-    if mean > MAX_MEAN_OVER_RMS * _rms(motor):
+    if mean > MAX_MEAN_OVER_RMS * float(np.sqrt(np.nanmean(motor**2))):
         raise BadRecording(f"a motor that oscillates against the clamped {body} in {experiment.name}",
                            f"one that rotates at {mean:.3g} {unit} on average", advice)
 
 
-def always_clamped(drive: Drive, experiments: Sequence[Experiment]) -> tuple[str, ...]:
-    """The bodies that are clamped in all of the recordings."""
-    as_they_were = [as_recorded(drive, (), e.number)[0] for e in experiments]
-    return tuple(b for b in drive.bodies if all(d.value(name_of(b, "clamped")) for d in as_they_were))
-
-
 def unidentified_by_clamps(drive: Drive, experiments: Sequence[Experiment]) -> frozenset[str]:
     """The bodies and shafts that no recording identifies: those clamped in all, and those beyond them."""
-    places = [drive.bodies.index(b) for b in always_clamped(drive, experiments)]
-    first = min((p for p in places if p > 0), default=len(drive.bodies))
+    as_they_were = [as_recorded(drive, (), e.number)[0] for e in experiments]
+    first = next((place for place, body in enumerate(drive.bodies) if place > 0
+                  and all(d.value(name_of(body, "clamped")) for d in as_they_were)), len(drive.bodies))
     return frozenset((*drive.bodies[first:], *drive.shafts[first:]))
 
 
@@ -161,7 +156,3 @@ def _following_ratio(own: np.ndarray, motor: np.ndarray) -> float:
         return 0.0
     share = float(x @ y / (x @ x))
     return abs(share) - 3.0 * float(np.sqrt(np.mean((y - share * x) ** 2) / (x @ x)))
-
-
-def _rms(values: np.ndarray) -> float:
-    return float(np.sqrt(np.nanmean(values**2)))

@@ -103,19 +103,16 @@ def greybox(experiments: Sequence[Experiment], drive: Drive, options: Options) -
     found = explanation.own.drive if explained_well else outcome.drive
     findings = [*outlier_findings, *suspect_channel_findings(task, found, explained_well), *findings]
     figures["noise_parameters"] = 0 if outcome.fit is None else outcome.fit.noise.parameters
-    estimate = compose("greybox", drive, outcome, findings, {}, figures, options.known, explanation)
+    estimate = compose("greybox", drive, outcome, findings, {}, figures, options.known, explanation,
+                       alone=chosen_fit.alone)
     estimate = with_friction_of_file(estimate, outcome, options, free, explanation)
-    if chosen_fit.alone:
-        estimate = replace(estimate, explanation=chosen_fit.alone)
-    estimate = replace(estimate, findings=(*torque_timing(white), *estimate.findings))
     no_convergence = not_converged(outcome)
     model_incomplete = estimate.repeats or model_lacks or no_convergence
-    if model_incomplete:
-        contradicted = contradicted_held_values(task, white, options, requested)
-        estimate = replace(estimate, findings=(*contradicted, *estimate.findings))
+    contradicted = contradicted_held_values(task, white, options, requested) if model_incomplete else ()
+    estimate = replace(estimate, findings=(*contradicted, *torque_timing(white), *estimate.findings))
     if (outcome.drive.shafts and not has_gap(outcome.task) and model_incomplete
             and not can_be_tested(*chosen_fit.rivals[:2])):
-        opened = opened_gap_findings(outcome.task.at_point(outcome.solution.point), "the fitted model has none")
+        opened = opened_gap_findings(outcome.fitted, "the fitted model has none")
         estimate = replace(estimate, findings=(*estimate.findings, *opened))
     for name, low in lower_limits.items():
         estimate = with_lower_limit_only(estimate, name, low)
@@ -180,8 +177,7 @@ def with_all_expanded(options: Options, drive: Drive, experiments: Sequence[Expe
 
 def free_parameters(drive: Drive, default: Sequence[str], options: Options) -> tuple[str, ...]:
     """The free parameters after --hold and --free, in the drive's order."""
-    both = set(options.hold) & set(options.free)
-    if both:
+    if both := set(options.hold) & set(options.free):
         raise BadOption("a parameter held or free", f"{', '.join(sorted(both))} as both", "Drop one of the two.")
     names = (set(default) | set(options.free)) - set(options.hold)
     for name in names:
@@ -201,10 +197,8 @@ def with_dry_friction_freed(outcome: Outcome, options: Options) -> Outcome:
     names -= {*outcome.task.free, *options.hold}
     if not names or outcome.fit is None:
         return outcome
-    free = tuple(n for n in drive.quantities if n in {*outcome.task.free, *names})
-    trial = refit(replace(outcome.task, drive=outcome.drive, free=free), outcome.fit.noise)
-    return (trial if trial.fit is not None and trial.fit.value < outcome.fit.value - MIN_DRY_FRICTION_GAIN
-            else outcome)
+    trial = refit(outcome.fitted.with_free({*outcome.task.free, *names}), outcome.fit.noise)
+    return trial if trial.fit.value < outcome.fit.value - MIN_DRY_FRICTION_GAIN else outcome
 
 
 def both_criteria(outcome: Outcome, options: Options) -> tuple[dict[str, float], list[Finding]]:
@@ -212,7 +206,7 @@ def both_criteria(outcome: Outcome, options: Options) -> tuple[dict[str, float],
 
     Each criterion is fitted to the first part of every record and simulated over the rest.
     """
-    task = outcome.task.at_point(outcome.solution.point)
+    task = outcome.fitted
     train = [e.between(0.0, (1.0 - HELD_OUT_SHARE) * e.size * e.step) for e in task.experiments]
     rest = [e.between((1.0 - HELD_OUT_SHARE) * e.size * e.step, e.size * e.step) for e in task.experiments]
 

@@ -6,7 +6,6 @@ from .joint_identifiability import (
     without_torque_intervals as without_torque_intervals,
 )
 from .low_inertia_ratio import (
-    fit_low_inertia_ratio as fit_low_inertia_ratio,
     load_inertia_ratio as load_inertia_ratio,
     with_low_inertia_findings as with_low_inertia_findings,
     with_uncertain_values_free as with_uncertain_values_free,

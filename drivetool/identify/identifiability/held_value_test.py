@@ -32,9 +32,8 @@ def contradicted_held_values(task: Task, outcome: Outcome, options: Options, req
     for name in names if outcome.fit is not None else ():
         given, unit = drive.value(name), drive.unit(name)
         try:
-            trial = fit_with_friction_split(replace(task, free=tuple(n for n in drive.quantities
-                                                                     if n in {*task.free, name})),
-                              _options_with_free(options, name), _options_with_free(requested, name), [{}])
+            trial = fit_with_friction_split(task.with_free({*task.free, name}), _options_with_free(options, name),
+                                            _options_with_free(requested, name), [{}])
         except DriveToolError:
             continue
         value, gain = trial.drive.value(name), outcome.fit.value - trial.fit.value

@@ -45,7 +45,7 @@ def only_ratios(outcome: Outcome) -> bool:
     normal = replace(problem, memory=None).normal(point)
     matrix, _, _ = schur(normal)
     scale = np.where(torques, point.values, 0.0)
-    variance = normal.cost / max(problem.count - problem.unknowns, 1)
+    variance = problem.variance(normal.cost)
     information, size = scale @ matrix @ scale, np.abs(scale) @ np.abs(matrix) @ np.abs(scale)
     return bool(information < max(variance, CANCELLATION_TOLERANCE * size))
 

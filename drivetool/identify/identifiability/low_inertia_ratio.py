@@ -17,9 +17,7 @@ import numpy as np
 from drivetool.drive import TOTALS, Drive
 from drivetool.finding import Finding
 from drivetool.identify.estimate import Covariance, Estimate
-from drivetool.identify.fit import by_innovations
 from drivetool.identify.setup import Options, Outcome, Roles, Task
-from drivetool.identify.starts import search_from_prior
 from drivetool.quantity import name_of, names_of, quantity_of
 
 # Load over motor inertia below which held linear parameters bias the half gap: simulated loads below 0.15 did.
@@ -34,21 +32,20 @@ def load_inertia_ratio(drive: Drive) -> float:
     return float(sum(referred[1:]) / referred[0])
 
 
-def has_low_inertia_ratio(drive: Drive, roles: Roles) -> bool:
-    """Whether the load's inertia is low and only the motor is measured."""
-    return load_inertia_ratio(drive) <= MAX_LOW_INERTIA_RATIO and all(role.startswith("motor")
-                                                                      for role in roles.outputs)
+def has_low_inertia_ratio(drive: Drive, roles: Roles, std: float = 0.0) -> bool:
+    """Whether the load's inertia is low, or two standard deviations lower, and only the motor is measured."""
+    return load_inertia_ratio(drive) - 2.0 * std <= MAX_LOW_INERTIA_RATIO and all(
+        role.startswith("motor") for role in roles.outputs)
 
 
-def may_have_low_inertia_ratio(drive: Drive, roles: Roles, known: Covariance) -> bool:
-    """The same with the uncertainty of the ratio: two standard deviations below its value."""
+def load_inertia_ratio_std(drive: Drive, known: Covariance) -> float:
+    """Standard deviation of that ratio by the covariance of the given values."""
     share, slopes = load_inertia_ratio(drive), np.zeros(len(known.names))
     for j, name in enumerate(known.names):
         if quantity_of(name) == "inertia" and drive.values.get(name, 0.0) > 0.0:
             more = replace(drive, values={**drive.values, name: drive.values[name] * (1.0 + RATIO_DIFFERENCE_STEP)})
             slopes[j] = (load_inertia_ratio(more) - share) / (RATIO_DIFFERENCE_STEP * drive.values[name])
-    std = float(np.sqrt(slopes @ known.matrix @ slopes))
-    return share - 2.0 * std <= MAX_LOW_INERTIA_RATIO and all(role.startswith("motor") for role in roles.outputs)
+    return float(np.sqrt(slopes @ known.matrix @ slopes))
 
 
 def with_uncertain_values_free(task: Task, options: Options) -> Task | None:
@@ -60,8 +57,8 @@ def with_uncertain_values_free(task: Task, options: Options) -> Task | None:
     options  as requested, `all` not expanded
     """
     known = options.known
-    by_innovations = options.criterion in ("auto", "innovations")
-    if known is None or not by_innovations or not may_have_low_inertia_ratio(task.drive, task.roles, known):
+    if known is None or options.criterion not in ("auto", "innovations") or not has_low_inertia_ratio(
+            task.drive, task.roles, load_inertia_ratio_std(task.drive, known)):
         return None
     drive, total, names = task.drive, "total.viscous", set(known.names)
     for whole, suffix in TOTALS.items():
@@ -71,20 +68,9 @@ def with_uncertain_values_free(task: Task, options: Options) -> Task | None:
     if total in names and total not in options.free and total in drive.values:
         parts = drive.parts(total, max(drive.values[total], 0.0))
         drive, names = drive.with_values(parts), (names | set(parts)) - {total}
-    free = tuple(n for n in drive.quantities if n in names)
-    freed = replace(task, drive=drive, free=free)
-    return None if any_linear_held(freed) else freed
-
-
-def fit_low_inertia_ratio(task: Task, known: Covariance, options: Options) -> Outcome:
-    """Innovations fit of a task from `with_uncertain_values_free`, from starts drawn from the prior."""
-    return by_innovations(task, [{}], options.seed, options.starts, search_from_prior(known))
-
-
-def any_linear_held(task: Task) -> bool:
-    """Whether an inertia or a stiffness keeps its value."""
-    names = names_of(task.drive.bodies, "inertia") + names_of(task.drive.shafts, "stiffness")
-    return any(n not in task.free for n in names)
+    linear = names_of(drive.bodies, "inertia") + names_of(drive.shafts, "stiffness")
+    freed = replace(task, drive=drive).with_free(names)
+    return freed if all(n in freed.free for n in linear) else None
 
 
 def with_low_inertia_findings(estimate: Estimate, outcome: Outcome, gaps: Sequence[str],
@@ -97,22 +83,21 @@ def with_low_inertia_findings(estimate: Estimate, outcome: Outcome, gaps: Sequen
     drive = outcome.drive
     if again_free is None and not has_low_inertia_ratio(drive, outcome.task.roles):
         return estimate
-    share, lines, finding = load_inertia_ratio(drive), estimate.parameters, None
+    share, lines, findings = load_inertia_ratio(drive), estimate.parameters, list(estimate.findings)
     opening = f"The load has only {100 * share:.0f} % of the motor's inertia"
     if again_free:
-        finding = Finding(
+        findings.append(Finding(
             "note", "gap-refit",
             f"{opening}: {', '.join(again_free)} were refitted jointly with the half gap. Errors of a few per cent "
             "in held values would bias it.", {"load_over_motor": share},
-            "Hold accurately known values with --hold.")
+            "Hold accurately known values with --hold."))
     elif again_free is None:
         reason = "the load's inertia is too low to identify it from the motor alone"
         lines = tuple(p.replace(std=None, ci95=None, reason=reason)
                       if p.name in gaps and p.status == "fitted" else p for p in lines)
-        finding = Finding(
+        findings.append(Finding(
             "warning", "low-inertia-ratio",
             f"{opening}: the half gap is unreliable if only the motor is measured, and no interval is given.",
             {"load_over_motor": share},
-            "Log the shaft torque or the load speed, or pass the parameter file of a greybox step with --params.")
-    more = () if finding is None else (finding,)
-    return replace(estimate, parameters=lines, findings=(*estimate.findings, *more))
+            "Log the shaft torque or the load speed, or pass the parameter file of a greybox step with --params."))
+    return replace(estimate, parameters=lines, findings=tuple(findings))

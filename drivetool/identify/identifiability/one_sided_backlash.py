@@ -30,8 +30,7 @@ def uncrossed_gaps(outcome: Outcome) -> tuple[Outcome, dict[str, float]]:
     """(the fit, lower limit of each free half gap that was never crossed, by its name)."""
     least = {}
     for name in [n for n in outcome.task.free if quantity_of(n) == "half_gap"]:
-        found = never_crossed(outcome, name)
-        if found:
+        if found := never_crossed(outcome, name):
             outcome, least[name] = found
     return outcome, least
 
@@ -42,11 +41,11 @@ def never_crossed(outcome: Outcome, gap: str) -> tuple[Outcome, float] | None:
     For a gap that was opened but not crossed, the likelihood is flat above the half gap that the travel just
     fills. Grazing contacts on the far side of a narrower gap may fit as well, by chance.
     """
-    task = outcome.task.at_point(outcome.solution.point)
-    value, rest = task.drive.value(gap) or 0.0, tuple(n for n in task.free if n != gap)
-    if outcome.fit is None or not rest or value <= 0.0:
+    task = outcome.fitted
+    value, rest = task.drive.value(gap) or 0.0, task.with_held({gap})
+    if outcome.fit is None or not rest.free or value <= 0.0:
         return None
-    wide = refit(replace(task.at({gap: WIDE_GAP_FACTOR * value}), free=rest), outcome.fit.noise, outcome.fit.value)
+    wide = refit(rest.at({gap: WIDE_GAP_FACTOR * value}), outcome.fit.noise, outcome.fit.value)
     filled = _half_gap_of_travel(wide, gap) if wide.fit.value < outcome.fit.value + MAX_GRAZING_GAIN else None
     if filled is None:
         return None
@@ -87,7 +86,7 @@ def _half_gap_of_travel(wide: Outcome, gap: str) -> tuple[float, float] | None:
 
 def _with_half_gap(wide: Outcome, gap: str, value: float, task: Task) -> Outcome:
     """The fit with a wide gap, as one of all free parameters at another half gap that is not crossed either."""
-    broad = wide.task.at_point(wide.solution.point)
+    broad = wide.fitted
     # Closed or open at the start: the distance from the side in contact stays.
     column = len(broad.drive.bodies) + broad.drive.shafts.index(owner_of(gap))
     starts = tuple(s.copy() for s in wide.solution.point.starts)
@@ -113,7 +112,6 @@ def without_upper_limit(line: Parameter, low: float) -> tuple[Parameter, Finding
 
 def with_lower_limit_only(estimate: Estimate, name: str, low: float) -> Estimate:
     """The estimate with a half gap of which only a lower limit is identifiable."""
-    line = next(p for p in estimate.parameters if p.name == name)
-    new, finding = without_upper_limit(line, low)
-    return replace(estimate, parameters=tuple(new if p.name == name else p for p in estimate.parameters),
+    line, finding = without_upper_limit(estimate.line(name), low)
+    return replace(estimate.with_line(line),
                    findings=(*without_not_identifiable_findings(estimate.findings, {name}), finding))

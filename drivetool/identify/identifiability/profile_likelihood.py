@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 
-from drivetool.identify.noise import Noise, filtered, minus_log_likelihood
-from drivetool.identify.problem import Point, solve
+from drivetool.identify.noise import Noise, filtered, minus_log_likelihood_at, solve_under_noise
+from drivetool.identify.problem import Point
 from drivetool.identify.setup import Outcome, Task
 from drivetool.quantity import parse_name
 
@@ -33,7 +33,7 @@ def profile(outcome: Outcome, name: str, step: float, max_points: int = 8) -> Pr
     step  first distance from the estimate, about one standard deviation
     most  points on each side
     """
-    task = outcome.task.at_point(outcome.solution.point)
+    task = outcome.fitted
     j = outcome.problem.names.index(name)
     best = float(outcome.solution.point.values[j])
     low, high = outcome.problem.low[j], outcome.problem.high[j]
@@ -58,24 +58,16 @@ def profile(outcome: Outcome, name: str, step: float, max_points: int = 8) -> Pr
 
 def _refit(task: Task, outcome: Outcome, name: str, value: float) -> float:
     """-log likelihood with one parameter fixed and the others fitted again."""
-    free = tuple(n for n in task.free if n != name)
-    fixed = replace(task.at({name: value}), free=free)
+    fixed = task.at({name: value}).with_held({name})
     problem = fixed.problem()
     noise: Noise = outcome.fit.noise
-    values = np.array([fixed.drive.value(n) for n in free])
-    starts = tuple(shifted_start(task, name, value, s) for s in outcome.solution.point.starts)
+    values = np.array([fixed.drive.value(n) for n in fixed.free])
+    point = Point(values, tuple(shifted_start(task, name, value, s) for s in outcome.solution.point.starts))
     best = np.inf
     for _ in range(3):
-        point = Point(values, starts)
         gains = [f.gains for f in filtered(problem, point, noise)]
-        if noise.memory is not None:
-            padded = Point(values, tuple(np.append(s, 0.0) for s in starts))
-            point = solve(problem.with_memory(noise.memory), padded, gains, relative=1e-7).point
-            point = Point(point.values, tuple(s[:-1] for s in point.starts))
-        else:
-            point = solve(problem, point, gains, relative=1e-7).point
-        values, starts = point.values, point.starts
-        new = minus_log_likelihood(filtered(problem, point, noise, keep=False))
+        point = solve_under_noise(problem, point, gains, noise, relative=1e-7).point
+        new = minus_log_likelihood_at(problem, point, noise)
         if new > best - 0.01:
             return min(best, new)
         best = new

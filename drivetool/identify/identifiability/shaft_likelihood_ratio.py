@@ -87,13 +87,13 @@ def _missed_resonance(shaft: str, gains: Mapping[str, float]) -> Finding:
 
 def _fit_with_rigid_shaft(outcome: Outcome, k: int) -> Fit:
     """The fit with a rigid shaft. The inertia behind it is held: the one before it takes up the sum."""
-    task = outcome.task.at_point(outcome.solution.point)
+    task = outcome.fitted
     shaft, beyond = task.drive.shafts[k], task.drive.bodies[k + 1]
     held = {name_of(shaft, "stiffness"), name_of(shaft, "damping"), name_of(beyond, "inertia"),
             name_of(beyond, "carried_mass")}
     stiff = {n: RIGID_STIFFNESS_FACTOR * task.drive.value(n)
              for n in (name_of(shaft, "stiffness"), name_of(shaft, "damping"))}
-    task = replace(task.at(stiff), free=tuple(n for n in task.free if n not in held))
+    task = task.at(stiff).with_held(held)
     problem = task.problem()
     return fit_innovations(problem, first_point(task.drive, problem, task.roles), outcome.fit.noise,
                            max_rounds=RIGID_FIT_ROUNDS)

@@ -28,7 +28,7 @@ def laws_reduce_free_run_error(judge: FreeRunTest, without: Outcome, with_them: 
     """Whether the laws reduce the error of free runs; on a record without motion none is confirmed."""
     if not judge.straight_line_error(without.task) > 0.0:
         return False
-    before, after = (judge.error(o.task.at_point(o.solution.point)) for o in (without, with_them))
+    before, after = (judge.error(o.fitted) for o in (without, with_them))
     return before > MIN_CONFIRMING_ERROR_RATIO * after
 
 

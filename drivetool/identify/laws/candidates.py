@@ -24,6 +24,7 @@ from drivetool.identify.laws.regression import Regression, is_regressable, regre
 from drivetool.identify.motion import Motions, motions_of, motions_through
 from drivetool.identify.noise import expected_recording_noise, filtered
 from drivetool.identify.setup import Outcome, Task, has_gap
+from drivetool.logs import true_runs
 from drivetool.quantity import name_of, quantity_of
 
 MIN_MEASURED_RUN = 200  # measured values in a row: sixteen blocks of a dozen
@@ -81,8 +82,7 @@ def why_single_candidate(white: Outcome) -> str:
     task = white.task
     if white.fit is None or not ("motor.inertia" in task.free or has_gap(task)):
         return "the inertia is held"
-    if not any(_longest_measured_run(e.signals[task.roles.outputs[0]]) >= MIN_MEASURED_RUN
-               for e in task.experiments):
+    if not _has_measured_run(task, task.roles.outputs[0]):
         return f"no {MIN_MEASURED_RUN} values of the sensor were measured in a row"
     # If the torque varies and still identifies ratios alone, it may be of another axis, which free runs show.
     if only_ratios(white) and not any(np.ptp(e.signals["motor_torque"][a:b]) for e in task.experiments
@@ -91,10 +91,10 @@ def why_single_candidate(white: Outcome) -> str:
     return ""
 
 
-def _longest_measured_run(values: np.ndarray) -> int:
-    """The longest run of measured values."""
-    missing = np.flatnonzero(~np.isfinite(values))
-    return int(np.diff(np.concatenate([[-1], missing, [len(values)]])).max()) - 1
+def _has_measured_run(task: Task, role: str) -> bool:
+    """Whether enough values of a sensor in a row were measured in some recording."""
+    runs = [true_runs(np.isfinite(e.signals[role])) for e in task.experiments]
+    return any(np.diff(run).max(initial=0) >= MIN_MEASURED_RUN for run in runs)
 
 
 def candidates_of(white: Outcome, held: Sequence[str] = ()) -> CandidateSet:
@@ -125,7 +125,7 @@ def candidates_of(white: Outcome, held: Sequence[str] = ()) -> CandidateSet:
     if laws and best.fit.noise.memory is None:
         found |= {"white, laws": best, "coloured, laws": with_coloured_noise(best)}
     elif laws:
-        start = near(best.task.at_point(best.solution.point), white)
+        start = near(best.fitted, white)
         found |= {"white, laws": likelier_of_regression_start(start, with_them) if with_them else start,
                   "coloured, laws": best}
     line = projection_of_laws(task, laws, motions)
@@ -149,10 +149,9 @@ def refit_with_freed(white: Outcome, names: Sequence[str]) -> Outcome:
 
     Across a gap it starts from the fit before: an optimum that its search has confirmed is not searched again.
     """
-    task = white.task.at_point(white.solution.point)
+    task = white.fitted
     guess = {n: task.drive.values.get(name_of(task.drive.bodies[0], quantity_of(n)), 0.0) for n in names}
-    free = tuple(n for n in task.drive.quantities if n in {*task.free, *names})
-    wider = replace(task.at(guess), free=free)
+    wider = task.at(guess).with_free({*task.free, *names})
     if has_gap(task):
         found = refit(wider, white.fit.noise)
         return found if optimum_confirmed(white) else replace(found, starts=())
@@ -165,8 +164,7 @@ def motions_of_bodies(outcome: Outcome, seen: Motions) -> dict[str, Motions]:
     measured = {}
     for role in task.roles.outputs[1:]:
         owner, _, kind = role.rpartition("_")
-        if kind in ("speed", "angle") and any(_longest_measured_run(e.signals[role]) >= MIN_MEASURED_RUN
-                                              for e in task.experiments):
+        if kind in ("speed", "angle") and _has_measured_run(task, role):
             measured[task.drive.load if owner == "load" else owner] = role
     passes = None
     for index, body in enumerate(task.drive.bodies[1:], 1):
@@ -189,13 +187,13 @@ def laws_of(task: Task, motions: Mapping[str, Motions]) -> list[Law]:
 
 def _candidate_of_fit(outcome: Outcome, line: np.ndarray) -> Candidate:
     covariance, influence = influence_of(outcome)
-    return _projected_candidate(outcome.task.at_point(outcome.solution.point), outcome.solution.point.values,
+    return _projected_candidate(outcome.fitted, outcome.solution.point.values,
                                 influence, covariance, outcome, line)
 
 
 def _candidate_of_free_runs(best: Outcome, seen: Motions, line: np.ndarray) -> Candidate:
     """The fit to free runs, each with an idle torque of its own; the drive's idle torque keeps its value."""
-    start = best.task.at_point(best.solution.point)
+    start = best.fitted
     fitted, length = tuple(n for n in start.free if quantity_of(n) != "idle_torque"), run_length(start)
     lag = min([seen.lag, *(max(t.size // MIN_MEANS_PER_RUN, 1) for t in start.traces(length))])
     outcome = by_simulation(replace(start, free=fitted), length, [{}], near_optimum=True, lag=lag,
@@ -208,8 +206,7 @@ def _candidate_of_free_runs(best: Outcome, seen: Motions, line: np.ndarray) -> C
     else:
         influence[:, places], blocks[places] = scores.influence, scores.blocks
     values = np.array([outcome.drive.values[n] for n in start.free])
-    task = start.at(dict(zip(start.free, values, strict=True)))
-    found = _projected_candidate(task, values, influence, None, outcome, line)
+    found = _projected_candidate(replace(outcome.fitted, free=start.free), values, influence, None, outcome, line)
     # The share of laws in the idle torque is collinear with the runs' own idle torques.
     idle = np.array([quantity_of(n) == "idle_torque" for n in start.free[:len(line)]])
     return replace(found, own=np.where(idle, best_candidate.own, found.own), blocks=blocks[:len(line)],

@@ -18,7 +18,13 @@ from drivetool.identify.laws.candidates import Candidate, CandidateSet, candidat
 from drivetool.identify.laws.free_run_test import run_length
 from drivetool.identify.laws.held_out import held_out_errors
 from drivetool.identify.laws.influence import FEW_BLOCKS_FACTOR, sandwich_covariance, with_standard_deviations
-from drivetool.identify.laws.laws import MEASUREMENT_NOISE, MIN_REPORTED_SHARE, model_error, significant_laws
+from drivetool.identify.laws.laws import (
+    MEASUREMENT_NOISE,
+    MIN_REPORTED_SHARE,
+    model_error,
+    places_of,
+    significant_laws,
+)
 from drivetool.identify.laws.projected_parameters import projected_within_bounds
 from drivetool.identify.motion import NOISE_SHARE
 from drivetool.identify.noise import Fit, filtered, fit_ratio, minus_log_likelihood
@@ -163,19 +169,23 @@ def choose_explanation(field: CandidateSet) -> Explanation | None:
         figures["speed_fit_percent_with_laws"] = field.judge.fit_percent(c.task)
     straight = field.judge.straight_line_error(task)
     # The fit to free runs shows best what the torque explains; across a gap the other may be far off.
-    error = min(errors[name], errors["free runs, laws"]) if gap else errors[name]
-    explains_nothing = error > NO_EXPLANATION_RATIO * straight > 0.0
-    if explains_nothing:
-        findings = (*findings, _explains_nothing_finding(error, straight))
+    error, why_nothing = min(errors[name], errors["free runs, laws"]) if gap else errors[name], ""
+    if error > NO_EXPLANATION_RATIO * straight > 0.0:
+        why_nothing = ("The logged torque explains nothing of the motion in any fit: the errors of short free runs "
+                       "are as large as those of a constant acceleration.")
     elif errors[name] > CLEAR_EXPLANATION_RATIO * straight and len(task.drive.bodies) == 1:  # calibrated for one
-        error, line = held_out_errors(field)
-        explains_nothing = error > NO_EXPLANATION_RATIO_HELD_OUT * line > 0.0
-        findings = (*findings, _held_out_finding(error, line)) if explains_nothing else findings
-        if not explains_nothing and _inertia_at_lower_bound(own):
-            explains_nothing, findings = True, (*findings, _no_inertia_finding(errors[name], straight))
+        held_out, line = held_out_errors(field)
+        if held_out > NO_EXPLANATION_RATIO_HELD_OUT * line > 0.0:
+            error, straight = held_out, line
+            why_nothing = ("The logged torque does not explain the held-out parts of the record: the error of free "
+                           f"runs there is {error / straight:.2f} times that of a constant acceleration.")
+        elif _inertia_at_lower_bound(own):
+            why_nothing = "The estimated inertia is at its lower bound, and the fit is poor."
+    if why_nothing:
+        findings = (*findings, _explains_nothing_finding(why_nothing, error, straight))
     sentence = _choice_sentence(field, errors, name, laws, measured)
     return Explanation(sentence, outcome, own, noise, structure, covariance, c.line, laws, figures, findings,
-                       explains_nothing, lacks_law, _has_comparison(field, errors, task.free, measured))
+                       bool(why_nothing), lacks_law, _has_comparison(field, errors, task.free, measured))
 
 
 def _free_run_error(field: CandidateSet, c: Candidate) -> float:
@@ -184,32 +194,17 @@ def _free_run_error(field: CandidateSet, c: Candidate) -> float:
     return float(error) if np.isfinite(error) else np.inf
 
 
-def _explains_nothing_finding(error: float, straight: float) -> Finding:
+def _explains_nothing_finding(why: str, error: float, straight: float) -> Finding:
     return Finding(
-        "failure", "explains-nothing",
-        "The logged torque explains nothing of the motion in any fit: the errors of short free runs are as large "
-        f"as those of a constant acceleration. {WRONG_MODEL}",
+        "failure", "explains-nothing", f"{why} {WRONG_MODEL}",
         {"error": error, "error of straight lines": straight},
         "Check the channels, units and signs; run drivetool inspect; try another --drive.")
-
-
-def _held_out_finding(error: float, straight: float) -> Finding:
-    """The same for held-out parts."""
-    return _explains_nothing_finding(error, straight).replace(
-        text="The logged torque does not explain the held-out parts of the record: the error of free runs there is "
-             f"{error / straight:.2f} times that of a constant acceleration. {WRONG_MODEL}")
 
 
 def _inertia_at_lower_bound(own: Task) -> bool:
     """Whether an inertia is at its lower bound."""
     names = [n for n in own.free if quantity_of(n) in ("inertia", "carried_mass")]
     return any(own.drive.values[n] <= own.drive.quantity(n).bounds[0] for n in names)
-
-
-def _no_inertia_finding(error: float, straight: float) -> Finding:
-    """The same for a torque that accelerates no inertia."""
-    return _explains_nothing_finding(error, straight).replace(
-        text=f"The estimated inertia is at its lower bound, and the fit is poor. {WRONG_MODEL}")
 
 
 def choose_candidate(errors: Mapping[str, float], measured: bool = False) -> str:
@@ -237,14 +232,15 @@ def parameter_uncertainty(field: CandidateSet, errors: Mapping[str, float], name
     noise = np.sqrt(np.maximum(np.diag(by_blocks), np.diag(base)))
     compared = ("regression, laws", "free runs, laws") if measured else COMPARED_CANDIDATES
     compared = ("free runs, laws",) if has_gap(field.task) else compared
-    disagreements = []
+    disagreements, is_inertia = [], np.array([quantity_of(n) == "inertia" for n in free])
     for other in compared:
         if other in field.candidates and other != name and _credible(errors, other, measured):
             d = field.candidates[other]
             difference = np.where(_comparable_parameters(field, other, free), c.own - d.own, 0.0)
             noise_part = np.sqrt(np.diag(sandwich_covariance(c.influence - d.influence))) / FEW_BLOCKS_FACTOR
             if "regression, laws" in (name, other):
-                noise_part = noise_part + _regression_bias(c, free)
+                # Sensor noise biases a regression downwards: the inertia, as its cut-off allows.
+                noise_part = noise_part + NOISE_SHARE * is_inertia * np.abs(c.own)
             disagreements.append(np.sign(difference) * np.maximum(np.abs(difference) - noise_part, 0.0))
     rows = np.array(disagreements).reshape(-1, len(c.own))
     structure = DISAGREEMENT_FACTOR / Z95 * (np.abs(rows).max(axis=0) if len(rows) else np.zeros(len(c.own)))
@@ -280,11 +276,6 @@ def _comparable_parameters(field: CandidateSet, other: str, free: Sequence[str])
     return identified & np.array([quantity_of(n) in FREE_RUN_IDENTIFIABLE for n in free])
 
 
-def _regression_bias(c: Candidate, free: Sequence[str]) -> np.ndarray:
-    """(k,) by how much sensor noise may bias a regression downwards: the inertia, as its cut-off allows."""
-    return NOISE_SHARE * np.array([quantity_of(n) == "inertia" for n in free]) * np.abs(c.own)
-
-
 def _innovations_outcome_at(c: Candidate, field: CandidateSet) -> Outcome:
     """A candidate without a noise model, as an innovations fit at the same values."""
     task, problem = c.task, c.task.problem()
@@ -295,18 +286,14 @@ def _innovations_outcome_at(c: Candidate, field: CandidateSet) -> Outcome:
     solution = solve(problem, point, gains, max_iterations=0)
     passes = tuple(filtered(problem, solution.point, noise, keep=False))
     fit = Fit(solution, noise, minus_log_likelihood(passes), passes, 0, 0.0, True)
-    return Outcome(task, problem, solution, fit, (), True)
+    return Outcome.of_fit(task, problem, fit)
 
 
 def _found_laws(field: CandidateSet, c: Candidate) -> tuple[FoundLaw, ...]:
     """The laws with their factors and the standard deviations from the blocks."""
     std = np.sqrt(np.diag(sandwich_covariance(c.factor_influence)))
-    found, k = [], 0
-    for law in field.laws:
-        part = slice(k, k + law.size)
-        found.append(FoundLaw.of(law.name, c.factors[part], std[part]))
-        k += law.size
-    return tuple(found)
+    return tuple(FoundLaw.of(law.name, c.factors[own], std[own])
+                 for law, own in zip(field.laws, places_of(field.laws), strict=True))
 
 
 def _choice_sentence(field: CandidateSet, errors: Mapping[str, float], name: str, laws: Sequence[FoundLaw],

@@ -41,9 +41,9 @@ def fit_with_selected_laws(plain: Outcome, every: Sequence[Law], seen: Motions, 
         if not more:
             break
         laws += tuple(more)
-        best = near(with_laws(best.task.at_point(best.solution.point), more, factors), best, MAX_QUICK_ITERATIONS)
+        best = near(with_laws(best.fitted, more, factors), best, MAX_QUICK_ITERATIONS)
         best = likelier_of_regression_start(best, regress(plain.task, seen, laws)) if linear else best
-    return laws, best if best.converged else near(best.task.at_point(best.solution.point), best)
+    return laws, best if best.converged else near(best.fitted, best)
 
 
 def likelier_of_regression_start(fit: Outcome, regression: Regression) -> Outcome:
@@ -73,4 +73,4 @@ def _fit_innovations_from(task: Task, before: Outcome, point: Point, noise: Nois
     problem = task.problem()
     fit = fit_innovations(problem, point, noise, near_optimum=True, max_rounds=max_rounds)
     fit = refit_with_tight_tolerance(problem, fit) if fit.converged else fit
-    return Outcome(task, problem, fit.solution, fit, before.starts, fit.converged)
+    return Outcome.of_fit(task, problem, fit, before.starts)

@@ -12,7 +12,7 @@ from drivetool.identify.fit import free_run
 from drivetool.identify.motion import SIGN_SIGNIFICANCE, Smoothing
 from drivetool.identify.noise import Noise, filtered
 from drivetool.identify.problem import Point, solve
-from drivetool.identify.setup import Task, first_states, has_gap, white_std
+from drivetool.identify.setup import Task, first_point, has_gap, white_std
 
 FREE_RUN_LENGTH = 1.0  # s: errors of friction over half a second show, and the start state is forgotten
 # Means of a run, at least: fewer only give its constant and slope, which are fitted to each run.
@@ -45,7 +45,7 @@ class FreeRunTest:
         Each run has an idle torque of its own: a constant over a run is noise to every candidate alike.
         """
         whole = task.problem(free=())
-        point = Point(np.empty(0), first_states(task.drive, task.roles, whole.traces))
+        point = first_point(task.drive, whole, task.roles)
         states = [f.states for f in filtered(whole, point, replace(self.noise, memory=None, slow=None))]
         problem = task.problem(run_length(task, length), ()).with_constant_torque()
         starts, k, done = [], 0, 0

@@ -44,7 +44,7 @@ def held_out_errors(field: CandidateSet) -> tuple[float, float]:
 
 def _refit_without(before: Outcome, late: bool) -> Task:
     """The held-out part, with the drive fitted to the rest."""
-    whole = before.task.at_point(before.solution.point)
+    whole = before.fitted
     other = _part_of_record(whole, late, held=False)
     problem = other.problem()
     fit = fit_innovations(problem, first_point(other.drive, problem, other.roles), before.fit.noise,

@@ -10,6 +10,7 @@ from scipy.stats import t as student
 from drivetool.identify.estimate import Z95, inverted
 from drivetool.identify.motion import INFLUENCE_BLOCKS
 from drivetool.identify.noise import filtered, with_disturbance_state
+from drivetool.identify.problem import nonzero_scale
 from drivetool.identify.setup import Outcome
 
 # Student's t over the normal quantile: a variance of so few blocks is uncertain itself.
@@ -36,8 +37,7 @@ class Scores:
     @property
     def inverse(self) -> np.ndarray:
         """(k, k) of the information, without the unidentifiable directions."""
-        size = np.sqrt(np.maximum(np.diag(self.matrix), 0.0))
-        size[size <= 0.0] = 1.0
+        size = nonzero_scale(np.sqrt(np.maximum(np.diag(self.matrix), 0.0)))
         inverse, _ = inverted(self.matrix / np.outer(size, size), 1e-13)
         return inverse / np.outer(size, size)
 
@@ -91,17 +91,12 @@ def scores_of(outcome: Outcome) -> Scores | None:
             rows = problem.differenced(parts, trace).reshape(trace.size - problem.lag, -1, s.ns)
             parts = [(slice(0, len(rows)), rows)]
         for part, rows in parts:
-            block = (done + np.arange(part.start, part.stop)) * INFLUENCE_BLOCKS // count
-            for b in np.unique(block):
-                flat = rows[block == b].reshape(-1, s.ns)
-                with np.errstate(over="ignore", invalid="ignore"):
-                    sums[b] += flat.T @ flat
+            add_products(sums, rows, done + part.start, count)
         done += trace.size
         whole = sums.sum(axis=0)
         if not np.isfinite(whole).all():
             return None
-        size = np.sqrt(np.diag(whole)[own])
-        size[size == 0.0] = 1.0
+        size = nonzero_scale(np.sqrt(np.diag(whole)[own]))
         # What the start states explain, by the whole trace.
         explained = np.linalg.lstsq(whole[np.ix_(own, own)] / np.outer(size, size), whole[own, :k] / size[:, None],
                                     rcond=1e-12)[0] / size[:, None]
@@ -110,7 +105,19 @@ def scores_of(outcome: Outcome) -> Scores | None:
                  + explained.T @ sums[:, own[:, None], own] @ explained)
         slopes += sums[:, :k, -1] - sums[:, own, -1] @ explained
         cost += whole[-1, -1]
-    return Scores(each, slopes, float(cost / max(problem.count - problem.unknowns, 1)))
+    return Scores(each, slopes, float(problem.variance(cost)))
+
+
+def add_products(sums: np.ndarray, rows: np.ndarray, first: int, count: int) -> None:
+    """Add products of the columns of rows (m, ny, k) to the sums (blocks, k, k) of their blocks, in place.
+
+    first  sample of the first row, of `count` samples in blocks of one length
+    """
+    block = (first + np.arange(len(rows))) * len(sums) // count
+    for b in np.unique(block):
+        flat = rows[block == b].reshape(-1, rows.shape[2])
+        with np.errstate(over="ignore", invalid="ignore"):
+            sums[b] += flat.T @ flat
 
 
 def sandwich_covariance(influence: np.ndarray) -> np.ndarray:

@@ -11,9 +11,10 @@ from dataclasses import replace
 
 import numpy as np
 
-from drivetool.identify.laws.laws import MEASUREMENT_NOISE, Law
+from drivetool.identify.laws.influence import add_products
+from drivetool.identify.laws.laws import MEASUREMENT_NOISE, Law, places_of
 from drivetool.identify.noise import Noise, filtered, with_disturbance_state
-from drivetool.identify.problem import Point
+from drivetool.identify.problem import Point, nonzero_scale
 from drivetool.identify.setup import Task, has_gap
 from drivetool.quantity import name_of
 
@@ -70,10 +71,7 @@ def forward_selection(sums: np.ndarray, count: int, fitted: int, laws: Sequence[
     fitted  number of the parameters; min_gain: log likelihood that a law must gain
     """
     chosen, base = [], np.arange(fitted)
-    places, k = [], len(base)
-    for law in laws:
-        places.append(np.arange(k, k + law.size))
-        k += law.size
+    places = [np.arange(own.start, own.stop) for own in places_of(laws, fitted)]
     error, largest_gain, whole = _cross_validation_error(sums, base), 0.0, sums.sum(axis=0)
     # At most all of the noise acts on the drive. A factor beyond that is sensor noise, fed back to the torque.
     if not error > 0.0:
@@ -115,11 +113,7 @@ def _sums(task: Task, point: Point, noise: Noise, laws: Sequence[Law]) -> np.nda
             part, first = chunk[0]
             columns = [rows[:, :, :len(t.free)] for (_, rows), t in zip(chunk, tasks, strict=True)]
             flat = np.concatenate([first[:, :, states], *columns, first[:, :, -1:]], axis=2)
-            fold = (done + np.arange(part.start, part.stop)) * FOLDS // count
-            for f in np.unique(fold):
-                rows = flat[fold == f].reshape(-1, size)
-                with np.errstate(over="ignore", invalid="ignore"):
-                    whole[f] += rows.T @ rows
+            add_products(whole, flat, done + part.start, count)
         # Columns that diverge under the gains are left out.
         lost = ~np.isfinite(np.einsum("fii->i", whole))
         whole[:, lost], whole[:, :, lost] = 0.0, 0.0
@@ -141,8 +135,7 @@ def _law_batches(laws: Sequence[Law]) -> list[list[Law]]:
 def _project_out(sums: np.ndarray, nx: int) -> np.ndarray:
     """Sums of products with the first nx columns projected out of the others, by all folds together."""
     both = sums.sum(axis=0)
-    size = np.sqrt(np.diag(both)[:nx])
-    size[size == 0.0] = 1.0
+    size = nonzero_scale(np.sqrt(np.diag(both)[:nx]))
     share = np.linalg.lstsq(both[:nx, :nx] / np.outer(size, size), both[:nx, nx:] / size[:, None], rcond=1e-12)[0]
     share = share / size[:, None]
     cross = np.einsum("zc,fzd->fcd", share, sums[:, :nx, nx:])
@@ -152,16 +145,14 @@ def _project_out(sums: np.ndarray, nx: int) -> np.ndarray:
 
 def _least_squares(sums: np.ndarray, columns: np.ndarray) -> np.ndarray:
     """Least squares of the error on some columns."""
-    size = np.sqrt(np.maximum(np.diag(sums)[columns], 0.0))
-    size[size == 0.0] = 1.0
+    size = nonzero_scale(np.sqrt(np.maximum(np.diag(sums)[columns], 0.0)))
     matrix = sums[np.ix_(columns, columns)] / np.outer(size, size)
     return np.linalg.lstsq(matrix, sums[columns, -1] / size, rcond=1e-12)[0] / size
 
 
 def _cross_validation_error(sums: np.ndarray, columns: np.ndarray) -> float:
     """Cross-validation error: the squared error of each block by a fit to the others, summed."""
-    size = np.sqrt(np.maximum(np.diag(sums.sum(axis=0))[columns], 0.0))
-    size[size == 0.0] = 1.0
+    size = nonzero_scale(np.sqrt(np.maximum(np.diag(sums.sum(axis=0))[columns], 0.0)))
     matrix = sums[:, columns[:, None], columns] / np.outer(size, size)
     right = sums[:, columns, -1] / size
     found = 0.0

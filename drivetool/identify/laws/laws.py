@@ -7,6 +7,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
+from itertools import pairwise
 from typing import Literal
 
 import numpy as np
@@ -60,6 +61,11 @@ class Law:
         return self.columns[0].shape[1]
 
 
+def places_of(laws: Sequence[Law], first: int = 0) -> list[slice]:
+    """The columns of each law in a table of all of them, whose columns begin there."""
+    return [slice(a, b) for a, b in pairwise(np.cumsum([first, *(law.size for law in laws)]).tolist())]
+
+
 def measurement_noise_law(noise: Sequence[np.ndarray]) -> tuple[Law, ...]:
     """Measurement noise of the logged motor torque as a law, if there is any.
 
@@ -82,10 +88,8 @@ def law_library(body_motions: Motions, turns: bool, body: str = "motor", name_su
 
     def law(name: str, of: Callable[[Motion, np.ndarray, np.ndarray], Sequence[np.ndarray]],
             part: Part = "idle torque", inertia: np.ndarray | None = None, parameter: str = "") -> None:
-        columns = []
-        for m in motions:
-            passed = 2.0 * (m.time - m.time[0]) / longest - 1.0
-            columns.append(np.column_stack(of(m, m.speed / top, passed)))
+        columns = [np.column_stack(of(m, m.speed / top, 2.0 * (m.time - m.time[0]) / longest - 1.0))
+                   for m in motions]
         size = np.sqrt(np.nanmean(np.concatenate(columns) ** 2, axis=0))
         if np.all(np.isfinite(size)) and np.all(size > 1e-9 * np.nanmax(np.abs(np.concatenate(columns)))):
             share = None if inertia is None else inertia / size

@@ -10,13 +10,19 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from drivetool.drive import Drive
 from drivetool.finding import Finding
 from drivetool.identify.estimate import Estimate
 from drivetool.identify.fit import by_noise_continuation, looks_coloured, shaft_torque_row, with_coloured_noise
 from drivetool.identify.identifiability import without_shaft_intervals
 from drivetool.identify.laws.third_mass import third_mass_names, third_mass_score_test, with_split_load
-from drivetool.identify.noise import Fit, Noise, filtered, fit_innovations, minus_log_likelihood, unit_noise_ratio
+from drivetool.identify.noise import (
+    Fit,
+    Noise,
+    filtered,
+    fit_innovations,
+    minus_log_likelihood_at,
+    unit_noise_ratio,
+)
 from drivetool.identify.problem import Point
 from drivetool.identify.setup import Outcome, Task, has_gap
 from drivetool.identify.starts import attempt_or_none
@@ -85,9 +91,8 @@ def find_missing_structure(outcome: Outcome, white: Outcome, rival: Outcome) -> 
 def can_be_tested(outcome: Outcome, white: Outcome) -> bool:
     """Whether a missing gap and a missing third mass are tested at all."""
     drive = outcome.task.drive
-    if outcome.fit is None or white.fit is None or len(drive.bodies) != 2 or has_gap(outcome.task):
-        return False
-    return name_of(drive.shafts[0], "stiffness") in outcome.task.free
+    return (outcome.fit is not None and white.fit is not None and len(drive.bodies) == 2
+            and not has_gap(outcome.task) and name_of(drive.shafts[0], "stiffness") in outcome.task.free)
 
 
 def _likelihood_gain(outcome: Outcome, fit: Fit | None, rival: Outcome) -> float:
@@ -97,8 +102,8 @@ def _likelihood_gain(outcome: Outcome, fit: Fit | None, rival: Outcome) -> float
     """
     if fit is None:
         return -np.inf
-    passes = filtered(outcome.problem, outcome.solution.point, fit.noise, keep=False)
-    return min(outcome.fit.value, rival.fit.value, minus_log_likelihood(passes)) - fit.value
+    with_its_noise = minus_log_likelihood_at(outcome.problem, outcome.solution.point, fit.noise)
+    return min(outcome.fit.value, rival.fit.value, with_its_noise) - fit.value
 
 
 def report_missing_structure(estimate: Estimate, lack: MissingStructure | None, shaft: str) -> Estimate:
@@ -130,7 +135,8 @@ def missing_gap_finding(lack: MissingStructure, shaft: str) -> Finding:
 def missing_mass_finding(lack: MissingStructure) -> Finding:
     """The finding on a missing third mass."""
     drive = lack.task.drive
-    inertia, stiffness, _ = (float(drive.values[n]) for n in third_mass_names(_without_last_body(drive)))
+    inertia, stiffness, _ = (float(drive.values[n]) for n in third_mass_names(
+        replace(drive, bodies=drive.bodies[:-1], shafts=drive.shafts[:-1])))
     load = float(drive.values[name_of(drive.load, "inertia")])
     frequency = float(np.sqrt(stiffness * (1.0 / inertia + 1.0 / load)) / (2.0 * np.pi))
     share = inertia / (inertia + load)
@@ -145,17 +151,13 @@ def missing_mass_finding(lack: MissingStructure) -> Finding:
         "Fit it too with --drive three-mass, or run diagnose; a sensor at the load shows it best.")
 
 
-def _without_last_body(drive: Drive) -> Drive:
-    return replace(drive, bodies=drive.bodies[:-1], shafts=drive.shafts[:-1])
-
-
 def _load_noise_gain(outcome: Outcome) -> float:
     """Log likelihood that torque noise on the load gains, all else as it is."""
     problem, point, noise = outcome.problem, outcome.solution.point, outcome.fit.noise
     natural = unit_noise_ratio(problem, point)
     noises = [replace(noise, others=natural * times, ratio=noise.ratio * share)
               for times in LOAD_NOISE_RATIOS for share in MOTOR_NOISE_RATIOS]
-    return outcome.fit.value - min(minus_log_likelihood(filtered(problem, point, n, keep=False)) for n in noises)
+    return outcome.fit.value - min(minus_log_likelihood_at(problem, point, n) for n in noises)
 
 
 def _fit_with_gap(outcome: Outcome, white: Outcome) -> tuple[Task, Fit | None]:
@@ -175,7 +177,7 @@ def _fit_with_gap(outcome: Outcome, white: Outcome) -> tuple[Task, Fit | None]:
 
 def shaft_torque(outcome: Outcome) -> np.ndarray:
     """(n,) [torque unit] of the first shaft over all stretches, by the filter of the drive with a closed gap."""
-    task, problem = outcome.task.at_point(outcome.solution.point), outcome.problem
+    task, problem = outcome.fitted, outcome.problem
     plain, spring = shaft_torque_row(task, 0, problem.traces[0].step)
     passes = filtered(problem, outcome.solution.point, outcome.fit.noise)
     return np.concatenate([f.states[:, :plain.nx] @ spring for f in passes])
@@ -183,13 +185,11 @@ def shaft_torque(outcome: Outcome) -> np.ndarray:
 
 def _with_gap(outcome: Outcome, torque: float, share: float) -> Task:
     """The task with a half gap of a share of the twist under a torque, and a shaft stiffer by as much."""
-    task = outcome.task.at_point(outcome.solution.point)
-    shaft = task.drive.shafts[0]
-    stiffness = task.drive.values[name_of(shaft, "stiffness")]
-    names = {*task.free, name_of(shaft, "half_gap")}
-    return replace(task.at({name_of(shaft, "half_gap"): share * torque / stiffness,
-                            name_of(shaft, "stiffness"): stiffness / (1.0 - share)}),
-                   free=tuple(n for n in task.drive.quantities if n in names))
+    task = outcome.fitted
+    half_gap, rigidity = (name_of(task.drive.shafts[0], what) for what in ("half_gap", "stiffness"))
+    stiffness = task.drive.values[rigidity]
+    return task.at({half_gap: share * torque / stiffness,
+                    rigidity: stiffness / (1.0 - share)}).with_free({*task.free, half_gap})
 
 
 def _fit_with_third_mass(outcome: Outcome, white: Outcome, wanted: float) -> tuple[Task, Fit | None]:
@@ -209,7 +209,7 @@ def _fit_with_third_mass(outcome: Outcome, white: Outcome, wanted: float) -> tup
         if fit.value > wanted - MIN_STRUCTURE_GAIN:
             continue
         if looks_coloured(fit.passes):
-            fit = with_coloured_noise(Outcome(task, task.problem(), fit.solution, fit, (), fit.converged)).fit
+            fit = with_coloured_noise(Outcome.of_fit(task, task.problem(), fit)).fit
         if not looks_coloured(fit.passes):
             return task.at_point(fit.point), fit
     return outcome.task, None
@@ -220,7 +220,7 @@ def _third_mass_fits(base: Outcome, wanted: float) -> list[tuple[Task, Fit | Non
 
     wanted  -log likelihood: a fit far above it after two rounds is given up
     """
-    plain, step, noise = base.task.at_point(base.solution.point), base.problem.traces[0].step, base.fit.noise
+    plain, step, noise = base.fitted, base.problem.traces[0].step, base.fit.noise
     names, scores = third_mass_names(plain.drive), []
     for frequency_ratio in THIRD_MASS_FREQUENCY_RATIOS:
         task = with_split_load(plain, step, TEST_MASS_SHARE, frequency_ratio, TEST_DAMPING_RATIO)

@@ -6,7 +6,7 @@ from collections.abc import Mapping, Sequence
 
 import numpy as np
 
-from drivetool.identify.laws.laws import Law
+from drivetool.identify.laws.laws import Law, places_of
 from drivetool.identify.motion import Motions
 from drivetool.identify.plateaus import STANDSTILL_SPEED_SHARE
 from drivetool.identify.setup import Task
@@ -26,10 +26,7 @@ def projection_of_laws(task: Task, laws: Sequence[Law], seen: Mapping[str, Motio
     """
     free, width = list(task.free), sum(law.size for law in laws)
     found = np.hstack([np.eye(len(free)), np.zeros((len(free), width))])
-    column = len(free)
-    for law in laws:
-        own = slice(column, column + law.size)
-        column += law.size
+    for law, own in zip(laws, places_of(laws, len(free)), strict=True):
         if law.of == "inertia" and name_of(law.body, "inertia") in free:
             found[free.index(name_of(law.body, "inertia")), own] = law.inertia
         parts = {"friction": ("viscous", _friction_constant_name(task, law.body)),

@@ -42,9 +42,8 @@ def with_split_load(task: Task, step: float, share: float, frequency_ratio: floa
               stiffness: rate**2 * share * (1.0 - share) * jl, damping: 2.0 * zeta * rate * share * jl}
     longer = replace(drive, name="three-mass with a tip", bodies=(*drive.bodies, END_MASS),
                      shafts=(*drive.shafts, owner_of(stiffness)), values=values)
-    free = tuple(n for n in longer.quantities if n in {*task.free, *names})
     # The load's sensors stay where they were.
-    return replace(task, drive=longer, free=free)
+    return replace(task, drive=longer).with_free({*task.free, *names})
 
 
 def third_mass_score_test(problem: Problem, point: Point, noise: Noise,
@@ -65,5 +64,5 @@ def third_mass_score_test(problem: Problem, point: Point, noise: Noise,
     inverse = np.linalg.pinv(matrix[np.ix_(identifiable, identifiable)] / np.outer(size, size), rcond=1e-10,
                              hermitian=True)
     step[identifiable] = -(inverse @ (slope[identifiable] / size)) / size
-    gain = float(-0.5 * slope @ step) / (normal.cost / max(problem.count - problem.unknowns, 1))
+    gain = float(-0.5 * slope @ step) / problem.variance(normal.cost)
     return gain, float(step[-1])

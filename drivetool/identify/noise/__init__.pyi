@@ -3,6 +3,7 @@ from .innovations import (
     Fit as Fit,
     fit_innovations as fit_innovations,
     refit_with_tight_tolerance as refit_with_tight_tolerance,
+    solve_under_noise as solve_under_noise,
     until_converged as until_converged,
     with_global_noise_search as with_global_noise_search,
 )
@@ -18,6 +19,7 @@ from .noise import (
     fit_ratio as fit_ratio,
     minimise_by_parabolas as minimise_by_parabolas,
     minus_log_likelihood as minus_log_likelihood,
+    minus_log_likelihood_at as minus_log_likelihood_at,
     restricted_likelihood as restricted_likelihood,
     unit_noise_ratio as unit_noise_ratio,
     with_disturbance_state as with_disturbance_state,

@@ -10,6 +10,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 
@@ -20,6 +21,7 @@ from drivetool.identify.noise.noise import (
     fit_ratio,
     likelier_ratio,
     minus_log_likelihood,
+    minus_log_likelihood_at,
     with_disturbance_state,
 )
 from drivetool.identify.problem import Point, Problem, Solution, schur, solve
@@ -88,8 +90,8 @@ def fit_innovations(problem: Problem, point: Point, noise: Noise | None = None, 
         converged = near_optimum or rounds >= 2
         whole_range = (rounds == 2 and not near_optimum) or rounds % WHOLE_RANGE_PERIOD == 0
         around = None if whole_range and noise.memory is None else noise.ratio
-        fresh = fit_ratio(problem, point, noise, around, converged) if estimate_noise else noise
-        fresh = _sensor_scales(problem, point, fresh) if estimate_noise else noise
+        fresh = (_sensor_scales(problem, point, fit_ratio(problem, point, noise, around, converged))
+                 if estimate_noise else noise)
         change = abs(np.log(fresh.ratio / noise.ratio))
         noise = fresh
         passes = filtered(problem, point, noise, keep=False)
@@ -126,9 +128,7 @@ def refit_with_tight_tolerance(problem: Problem, fit: Fit) -> Fit:
     """
     fit = with_global_noise_search(problem, fit)
     gains = [f.gains for f in filtered(problem, fit.point, fit.noise)]
-    solution = solve(problem.with_memory(fit.noise.memory), with_disturbance_state(fit.point, fit.noise),
-                     gains, relative=1e-11)
-    solution = replace(solution, point=_without_disturbance_state(problem, solution.point, fit.noise))
+    solution = solve_under_noise(problem, fit.point, gains, fit.noise, relative=1e-11)
     passes = filtered(problem, solution.point, fit.noise, keep=False)
     value = minus_log_likelihood(passes)
     if value > fit.value + MAX_LIKELIHOOD_LOSS:
@@ -149,16 +149,18 @@ def with_global_noise_search(problem: Problem, fit: Fit) -> Fit:
 def _solve_round(problem: Problem, point: Point, gains: Sequence[ObserverGains], noise: Noise,
                  rounds: int) -> Solution:
     tolerance = 1e-5 if rounds == 1 else 1e-7  # `settle` does the last digits
-    solution = solve(problem.with_memory(noise.memory), with_disturbance_state(point, noise), gains,
-                     relative=tolerance, hold=problem.later if rounds == 1 else None,
-                     max_iterations=60 if rounds <= 2 else MAX_LATER_STEPS)
-    return replace(solution, point=_without_disturbance_state(problem, solution.point, noise))
+    return solve_under_noise(problem, point, gains, noise, relative=tolerance,
+                             hold=problem.later if rounds == 1 else None,
+                             max_iterations=60 if rounds <= 2 else MAX_LATER_STEPS)
 
 
-def _without_disturbance_state(problem: Problem, point: Point, noise: Noise) -> Point:
+def solve_under_noise(problem: Problem, point: Point, gains: Sequence[ObserverGains], noise: Noise,
+                      **options: Any) -> Solution:
+    """The solution of `solve` under the gains of a noise, whose state is in its equations and not in its point."""
+    solution = solve(problem.with_memory(noise.memory), with_disturbance_state(point, noise), gains, **options)
     if noise.memory is None:
-        return point
-    return Point(point.values, tuple(s[:-1] for s in point.starts))
+        return solution
+    return replace(solution, point=Point(solution.point.values, tuple(s[:-1] for s in solution.point.starts)))
 
 
 def _with_backtracking(problem: Problem, before: Point, solution: Solution, noise: Noise) -> Solution:
@@ -166,11 +168,9 @@ def _with_backtracking(problem: Problem, before: Point, solution: Solution, nois
 
     Across a gap, frozen gains can lead to a point that new gains make unlikely.
     """
-    def value(point: Point) -> float:
-        return minus_log_likelihood(filtered(problem, point, noise, keep=False))
-
-    limit, share, point = value(before) + MAX_LIKELIHOOD_LOSS, 1.0, solution.point
-    while value(point) > limit and share > 0.05:
+    limit, share = minus_log_likelihood_at(problem, before, noise) + MAX_LIKELIHOOD_LOSS, 1.0
+    point = solution.point
+    while minus_log_likelihood_at(problem, point, noise) > limit and share > 0.05:
         share *= 0.4
         point = Point(before.values + share * (solution.point.values - before.values), tuple(
             a + share * (b - a) for a, b in zip(before.starts, solution.point.starts, strict=True)))
@@ -184,7 +184,7 @@ def _distance_in_std(problem: Problem, before: Point, solution: Solution) -> flo
     matrix, _, _ = schur(solution.normal)
     if not np.all(np.isfinite(matrix)):  # the model diverges there
         return np.inf
-    variance = solution.cost / max(problem.count - problem.unknowns, 1)
+    variance = problem.variance(solution.cost)
     size = np.sqrt(np.maximum(np.diag(matrix), 1e-200))
     inverse = np.linalg.pinv(matrix / np.outer(size, size), rcond=1e-13, hermitian=True)
     std = np.sqrt(np.maximum(variance * np.diag(inverse), 1e-300)) / size
@@ -196,9 +196,6 @@ def _sensor_scales(problem: Problem, point: Point, noise: Noise) -> Noise:
     if len(noise.scale) == 1:
         return noise
     passes = filtered(problem, point, noise, keep=False)
-    stds = []
-    for m in range(len(noise.scale)):
-        z = np.concatenate([f.innovations[:, m] / np.sqrt(f.variance[:, m]) for f in passes])
-        stds.append(np.sqrt(np.nanmean(z**2)))
-    scale = noise.scale * np.array(stds) / stds[0]
-    return replace(noise, scale=scale)
+    normalised = np.concatenate([f.innovations / np.sqrt(f.variance) for f in passes])
+    stds = [np.sqrt(np.nanmean(z**2)) for z in normalised.T]
+    return replace(noise, scale=noise.scale * np.array(stds) / stds[0])

@@ -85,24 +85,23 @@ def filtered(problem: Problem, point: Point, noise: Noise, keep: bool = True) ->
     """One Kalman pass per trace at a point. The start states are parameters, hence known here."""
     passes = []
     problem = problem.with_memory(noise.memory)
-    one = noise
     for t, start, plant in zip(problem.traces, point.starts, problem.plants(point.values, False),
                                strict=True):
-        nx, noise = plant.nx, one.over(problem.steps(t))
-        extra, noise_input, covariance, white = np.zeros(nx), np.zeros(nx), np.zeros((nx, nx)), noise.ratio**2
+        nx, here = plant.nx, noise.over(problem.steps(t))
+        extra, noise_input, covariance, white = np.zeros(nx), np.zeros(nx), np.zeros((nx, nx)), here.ratio**2
         further = slice(1, problem.bodies)
-        extra[further] = (noise.others * t.step / plant.system.mass[further, 0]) ** 2
-        if noise.memory is not None:
+        extra[further] = (here.others * t.step / plant.system.mass[further, 0]) ** 2
+        if here.memory is not None:
             start = np.append(start, 0.0) if len(start) < nx else start
-            if noise.slow is None:
-                extra[-1] = white * (1.0 - noise.memory**2)
+            if here.slow is None:
+                extra[-1] = white * (1.0 - here.memory**2)
                 covariance[-1, -1], white = white, 0.0
             else:
-                noise_input[-1] = (noise.slow - 1.0) * (1.0 - noise.memory)
-                covariance[-1, -1] = white * noise_input[-1] ** 2 / (1.0 - noise.memory**2)
+                noise_input[-1] = (here.slow - 1.0) * (1.0 - here.memory)
+                covariance[-1, -1] = white * noise_input[-1] ** 2 / (1.0 - here.memory**2)
         # Whether noise breaks stiction depends on its size.
         unit = problem.sensor_std**2
-        found = plant.filter(t, start, unit * noise.scale**2, unit * white, unit * extra, unit * covariance, keep,
+        found = plant.filter(t, start, unit * here.scale**2, unit * white, unit * extra, unit * covariance, keep,
                              noise_input)
         gains = replace(found.gains, weight=found.gains.weight * problem.sensor_std)
         passes.append(_with_divergence_marked(replace(found, gains=gains, variance=found.variance / unit), t))
@@ -160,6 +159,11 @@ def minus_log_likelihood(passes: Sequence[Filtered]) -> float:
     return 0.5 * count * np.log(squares / count) + 0.5 * logs
 
 
+def minus_log_likelihood_at(problem: Problem, point: Point, noise: Noise) -> float:
+    """The same of a point under a noise model."""
+    return minus_log_likelihood(filtered(problem, point, noise, keep=False))
+
+
 def restricted_likelihood(problem: Problem, point: Point, noise: Noise,
                passes: Sequence[Filtered] | None = None) -> tuple[float, Normal]:
     """(restricted -log likelihood of a noise model, up to a constant; normal equations at the point under it).
@@ -173,7 +177,7 @@ def restricted_likelihood(problem: Problem, point: Point, noise: Noise,
     """
     passes = passes or filtered(problem, point, noise)
     logs = sum(float(np.sum(np.log(f.variance[np.isfinite(f.innovations)]))) for f in passes)
-    normal = _normal_equations(problem, point, noise, passes)
+    normal = filtered_normal_equations(problem, point, noise, passes)
     matrix, slope = dense_normal_equations(normal)
     size = np.sqrt(np.diag(matrix))
     keep = size > 0.0
@@ -187,14 +191,14 @@ def restricted_likelihood(problem: Problem, point: Point, noise: Noise,
     return 0.5 * (degrees * np.log(residual / degrees) + logs + determinant), normal
 
 
-def filtered_normal_equations(problem: Problem, point: Point, noise: Noise) -> Normal:
-    """Normal equations of the one-step prediction errors at a point, under the gains of a noise model."""
-    return _normal_equations(problem, point, noise, filtered(problem, point, noise))
+def filtered_normal_equations(problem: Problem, point: Point, noise: Noise,
+                              passes: Sequence[Filtered] | None = None) -> Normal:
+    """Normal equations of the one-step prediction errors at a point, under the gains of a noise model.
 
-
-def _normal_equations(problem: Problem, point: Point, noise: Noise, passes: Sequence[Filtered]) -> Normal:
-    model = problem.with_memory(noise.memory)
-    return model.normal(with_disturbance_state(point, noise), [f.gains for f in passes])
+    passes  under the noise, with their gains, where available
+    """
+    gains = [f.gains for f in passes or filtered(problem, point, noise)]
+    return problem.with_memory(noise.memory).normal(with_disturbance_state(point, noise), gains)
 
 
 def dense_normal_equations(normal: Normal) -> tuple[np.ndarray, np.ndarray]:

@@ -40,23 +40,16 @@ class NoiseLikelihood:
     variance: np.ndarray
 
 
-def likelihood_of_passes(value: float, passes: Sequence[Filtered],
-                         masks: Sequence[np.ndarray] | None = None) -> NoiseLikelihood:
-    """A value with the counted innovations.
-
-    masks  per trace (n,) whether a sample counts; None: all do
-    """
-    e = np.concatenate([(f.innovations if masks is None else f.innovations[m]).ravel()
-                        for f, m in zip(passes, masks or passes, strict=True)])
-    v = np.concatenate([(f.variance if masks is None else f.variance[m]).ravel()
-                        for f, m in zip(passes, masks or passes, strict=True)])
+def likelihood_of_passes(value: float, passes: Sequence[Filtered]) -> NoiseLikelihood:
+    """A value with the innovations; those that are NaN do not count."""
+    e = np.concatenate([f.innovations.ravel() for f in passes])
+    v = np.concatenate([f.variance.ravel() for f in passes])
     known = np.isfinite(e)
     return NoiseLikelihood(value, e[known], v[known])
 
 
 def minimise_by_scoring(evaluate: Callable[[np.ndarray], NoiseLikelihood], start: np.ndarray, low: np.ndarray,
-                        high: np.ndarray,
-                        rounds: int = MAX_SCORING_ROUNDS) -> tuple[np.ndarray, float]:
+                        high: np.ndarray) -> tuple[np.ndarray, float]:
     """Log parameters (k,) within their bounds that minimise the value near a start, and that value.
 
     evaluate  log parameters -> their likelihood; its value is infinite where there is none
@@ -66,7 +59,7 @@ def minimise_by_scoring(evaluate: Callable[[np.ndarray], NoiseLikelihood], start
     here = evaluate(at)
     if not np.isfinite(here.value):
         return at, here.value
-    for _ in range(rounds):
+    for _ in range(MAX_SCORING_ROUNDS):
         slope, curvature = _gradient_and_curvature(evaluate, at, here, high)
         step = _newton_step(slope, curvature, at, low, high)
         expected_gain = -float(slope @ step) - 0.5 * float(step @ curvature @ step)

@@ -40,7 +40,7 @@ from drivetool.identify.laws import Explanation, with_total_uncertainty
 from drivetool.identify.noise import filtered_normal_equations
 from drivetool.identify.outcome.noise_ratio_uncertainty import noise_ratio_covariance
 from drivetool.identify.outcome.repeats import recording_estimates, repeatability_of, with_scatter
-from drivetool.identify.problem import Point, schur
+from drivetool.identify.problem import Point
 from drivetool.identify.setup import UNNAMED_RECORDINGS, Outcome, Task, contradicted_start_findings, problem_of
 from drivetool.identify.starts import MAX_AGREEING_LOSS, start_agrees
 from drivetool.quantity import name_of, names_of, quantity_of
@@ -62,7 +62,7 @@ def compose(step: str, before: Drive, outcome: Outcome, findings: Sequence[Findi
             details: Mapping[str, object] | None = None,
             fit: Mapping[str, float | int | None] | None = None,
             known: Covariance | None = None, explanation: Explanation | None = None,
-            correlated: Finding = CORRELATED) -> Estimate:
+            correlated: Finding = CORRELATED, alone: str = "") -> Estimate:
     """The Estimate of a step.
 
     before    the drive with its start values
@@ -71,10 +71,9 @@ def compose(step: str, before: Drive, outcome: Outcome, findings: Sequence[Findi
     known     covariance of the given values
     explanation  whose fit the outcome is; the drive is reported without its laws
     correlated   the finding where one-step prediction errors are still correlated
+    alone        without an explanation: why there is none
     """
-    task, own = outcome.task, outcome.task.at_point(outcome.solution.point)
-    if explanation is not None:
-        own = explanation.own
+    task, own = outcome.task, outcome.fitted if explanation is None else explanation.own
     lines, covariance, more = _parameter_lines(before, own, outcome, known, explanation)
     _, _, runs = free_run(own, noise=outcome.fit.noise if outcome.fit else None)
     traces = own.problem(free=()).traces
@@ -88,8 +87,8 @@ def compose(step: str, before: Drive, outcome: Outcome, findings: Sequence[Findi
     return estimate_from_outcome(
         step, own.drive, lines, covariance, outcome, fit=figures | dict(fit or {}), details=details or {},
         findings=(*findings, *more), last_findings=last, exhibits=record_plots(outcome, traces, runs),
-        starts=starts_of(outcome), repeats=repeats,
-        **({} if explanation is None else {"explanation": explanation.sentence, "laws": explanation.laws}))
+        starts=starts_of(outcome), repeats=repeats, explanation=explanation.sentence if explanation else alone,
+        laws=explanation.laws if explanation else ())
 
 
 def estimate_from_outcome(step: str, drive: Drive, lines: Sequence[Parameter], covariance: Covariance | None,
@@ -125,7 +124,9 @@ def _parameter_lines(before: Drive, own: Task, outcome: Outcome, known: Covarian
     lines, covariance, findings = parameters_of(problem, outcome.solution, known_too, after, extra)
     own_sides = any(r.endswith("_torque") for r in outcome.task.roles.outputs)
     more = [*inconsistent_with_prior(known, before, after, covariance, own_sides),
-            *_contradicted_start_findings(outcome)]
+            *contradicted_start_findings(after, outcome.task.roles, problem, outcome.solution.point,
+                                         outcome.fit and outcome.fit.noise,
+                                         problem.variance(outcome.solution.cost))]
     line, names = None, problem.names
     if explanation is not None:
         lines, covariance = with_total_uncertainty(lines, explanation, extra)
@@ -185,14 +186,6 @@ def inconsistent_with_prior(known: Covariance | None, before: Drive, after: Driv
         "this record.")]
 
 
-def _contradicted_start_findings(outcome: Outcome) -> list[Finding]:
-    """Known start states that the record contradicts."""
-    problem, solution, fit = outcome.problem, outcome.solution, outcome.fit
-    variance = solution.cost / max(problem.count - problem.unknowns, 1)
-    return contradicted_start_findings(
-        outcome.drive, outcome.task.roles, problem, solution.point, fit and fit.noise, variance)
-
-
 def starts_of(outcome: Outcome) -> StartsSection:
     """How many starts reached the best value, and the range of their parameters."""
     ends = [s["reached"] for s in outcome.starts if start_agrees(outcome, s)]
@@ -230,12 +223,14 @@ def held_value_sensitivity(outcome: Outcome, known: Covariance | None) -> tuple[
                                 and n in task.drive.values)
     if held is None or not task.free or outcome.fit is None:
         return None
-    task = task.at_point(outcome.solution.point)
-    problem = problem_of(task.drive, (*task.free, *held.names), task.roles, outcome.problem.traces)
-    values = np.array([task.drive.value(n) for n in problem.names])
-    point = Point(values, outcome.solution.point.starts)
-    normal = filtered_normal_equations(problem, point, outcome.fit.noise)
-    return sensitivity_to_held(normal, len(task.free)), held
+    return _sensitivity_to_further(outcome, outcome.drive, task.free, held.names), held
+
+
+def _sensitivity_to_further(outcome: Outcome, drive: Drive, free: Sequence[str], more: Sequence[str]) -> np.ndarray:
+    """(k, m) how the k free values of a drive move for a unit of each of m further ones."""
+    problem = problem_of(drive, (*free, *more), outcome.task.roles, outcome.problem.traces)
+    point = Point(np.array([drive.value(n) for n in problem.names]), outcome.solution.point.starts)
+    return sensitivity_to_held(filtered_normal_equations(problem, point, outcome.fit.noise), len(free))
 
 
 def _held_value_covariance(outcome: Outcome, known: Covariance | None) -> tuple[np.ndarray | None, list[Finding]]:
@@ -279,7 +274,7 @@ def _total_split_shifts(outcome: Outcome) -> list[np.ndarray]:
     turns = task.drive.gear_ratios()[-1]
     drive = outcome.drive.with_values(outcome.drive.parts(total, whole))
     names = tuple(first if n == total else n for n in task.free)
-    (shift,) = _shifts_per_unit(outcome, drive, names, (last,))
+    shift = _sensitivity_to_further(outcome, drive, names, (last,))[:, 0].copy()
     shift[names.index(first)] += 1.0 / turns**2  # the sum: the motor's part plus the load's, referred
     return [shift * turns**2 * whole / np.sqrt(12.0)]
 
@@ -294,21 +289,11 @@ def _lumped_split_shifts(outcome: Outcome) -> list[np.ndarray]:
         return []
     last, between = name_of(drive.bodies[-1], "viscous"), tuple(names_of(drive.bodies[1:-1], "viscous"))
     last_share, found = drive.referred_share(last), []
-    for name, shift in zip(between, _shifts_per_unit(outcome, drive, free, between), strict=True):
+    for name, shift in zip(between, _sensitivity_to_further(outcome, drive, free, between).T.copy(), strict=True):
         share = drive.referred_share(name) / last_share
         shift[free.index(last)] += share  # there the sum of all is identified
         found.append(shift * abs(drive.values[last]) / share / np.sqrt(3.0))
     return found
-
-
-def _shifts_per_unit(outcome: Outcome, drive: Drive, free: Sequence[str], more: Sequence[str]) -> list[np.ndarray]:
-    """How the free values move for a unit of each further one: (n free,) for each of `more`."""
-    problem = problem_of(drive, (*free, *more), outcome.task.roles, outcome.problem.traces)
-    point = Point(np.array([drive.value(n) for n in problem.names]), outcome.solution.point.starts)
-    matrix, _, _ = schur(filtered_normal_equations(problem, point, outcome.fit.noise))
-    k = len(free)
-    moved = -np.linalg.pinv(matrix[:k, :k], hermitian=True) @ matrix[:k, k:]
-    return list(moved.T.copy())
 
 
 def outcome_figures(outcome: Outcome, traces: Sequence[Trace], runs: Sequence[np.ndarray],
@@ -334,7 +319,7 @@ def how_it_ended(outcome: Outcome) -> str:
 def noise_parameters(outcome: Outcome) -> tuple[dict[str, float], list[Finding]]:
     """Noise parameters in SI, and the findings on them."""
     problem, solution, task = outcome.problem, outcome.solution, outcome.task
-    sigma = float(np.sqrt(solution.cost / max(problem.count - problem.unknowns, 1)))
+    sigma = float(np.sqrt(problem.variance(solution.cost)))
     noise = {f"sensor_std.{role}": sigma * float(s) for role, s in zip(
         task.roles.outputs, problem.scale if outcome.fit is None else outcome.fit.noise.scale, strict=True)}
     findings = []

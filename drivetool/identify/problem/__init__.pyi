@@ -2,6 +2,7 @@ from .least_squares import (
     Solution as Solution,
     blocked_by_bounds as blocked_by_bounds,
     marquardt_step as marquardt_step,
+    nonzero_scale as nonzero_scale,
     schur as schur,
     solve as solve,
     take_steps as take_steps,

@@ -16,8 +16,6 @@ from drivetool.identify.problem.problem import Normal, Point, Problem
 
 # Of an output over a start state, both in SI: a smaller sensitivity is a rounding error.
 MIN_START_SENSITIVITY = 1e-9
-# Damping below which a step estimates the distance to the minimum: it reaches nine tenths of it.
-MAX_TRUSTED_DAMPING = 0.1
 # Share of the cost below which a predicted decrease is rounding: some tens of units in the last place.
 MIN_RELATIVE_DECREASE = 1e-14
 
@@ -39,8 +37,7 @@ class Solution:
 
 def solve(problem: Problem, point: Point, gains: Sequence[ObserverGains] | None = None, *,
           max_iterations: int = 60, relative: float = 1e-8, damping: float = 1e-3,
-          hold: np.ndarray | None = None, target_cost: float = 0.0, min_decrease: float = MIN_RELATIVE_DECREASE,
-          keeps_worse: bool = False) -> Solution:
+          hold: np.ndarray | None = None, target_cost: float = 0.0, keeps_worse: bool = False) -> Solution:
     """Minimise the weighted squared residuals from a point.
 
     problem   k parameters, traces with m free start states each
@@ -48,7 +45,6 @@ def solve(problem: Problem, point: Point, gains: Sequence[ObserverGains] | None 
     max_iterations  at most; relative: decrease of the cost at which the fit has converged
     hold      (k,) parameters that do not move
     target_cost     below which the fit ends
-    min_decrease    share of the cost below which a predicted decrease is not tried
     keeps_worse     whether a trace that a step made worse keeps its start: a start state that friction or a gap
                     makes hard to fit then does not damp the steps of the others
     returns   Solution; where the model diverges at the first point, that point
@@ -57,7 +53,7 @@ def solve(problem: Problem, point: Point, gains: Sequence[ObserverGains] | None 
     if not np.isfinite(normal.cost):
         return Solution(point, normal, 0, False)
     for iteration in range(1, max_iterations + 1):
-        trial = _accepted_trial(problem, point, normal, gains, damping, hold, ahead, min_decrease, keeps_worse)
+        trial = _accepted_trial(problem, point, normal, gains, damping, hold, ahead, keeps_worse)
         if trial is None:
             return Solution(point, normal, iteration, True)
         done = normal.cost - trial.cost < relative * normal.cost or trial.cost < target_cost
@@ -105,9 +101,8 @@ class _Trial:
 
 
 def _accepted_trial(problem: Problem, point: Point, normal: Normal, gains: Sequence[ObserverGains] | None,
-                    damping: float,
-                    hold: np.ndarray | None, ahead: bool, min_decrease: float = MIN_RELATIVE_DECREASE,
-                    keeps_worse: bool = False) -> _Trial | None:
+                    damping: float, hold: np.ndarray | None, ahead: bool, keeps_worse: bool = False,
+                    ) -> _Trial | None:
     """A better point, None if there is none.
 
     ahead  whether the first trial is simulated with sensitivities at once: they cost less than twice the
@@ -118,8 +113,7 @@ def _accepted_trial(problem: Problem, point: Point, normal: Normal, gains: Seque
         step, own = marquardt_step(problem, point, normal, damping, hold)
         # A step clipped at a bound may point uphill (below zero); more damping turns it.
         predicted = _predicted_decrease(normal, step, own)
-        if 0.0 <= predicted < (min_decrease if first and damping < MAX_TRUSTED_DAMPING
-                               else MIN_RELATIVE_DECREASE) * normal.cost:
+        if 0.0 <= predicted < MIN_RELATIVE_DECREASE * normal.cost:
             break
         trial = problem.moved(point, step, own)
         if not _beyond_linear_range(problem, point, trial):
@@ -211,8 +205,7 @@ def marquardt_step(problem: Problem, point: Point, normal: Normal, damping: floa
                    hold: np.ndarray | None = None) -> tuple[np.ndarray, list[np.ndarray]]:
     """((k,) step inside the bounds, steps of the start states per trace); hold: (k,) fixed parameters."""
     matrix, slope, inverses = schur(normal, damping + 1e-12)
-    size = np.sqrt(np.diag(normal.shared))
-    size[size == 0.0] = 1.0
+    size = nonzero_scale(np.sqrt(np.diag(normal.shared)))
     move = ~blocked_by_bounds(problem, point, normal) & (np.diag(normal.shared) > 0.0)
     if hold is not None:
         move &= ~hold
@@ -225,6 +218,11 @@ def marquardt_step(problem: Problem, point: Point, normal: Normal, damping: floa
     own = [-inverse @ (own_slope + cross.T @ bounded) for cross, inverse, own_slope
            in zip(normal.cross, inverses, normal.own_slope, strict=True)]
     return bounded, own
+
+
+def nonzero_scale(size: np.ndarray) -> np.ndarray:
+    """Sizes (k,) to divide by: one in the place of zero."""
+    return np.where(size == 0.0, 1.0, size)
 
 
 def _beyond_linear_range(problem: Problem, point: Point, trial: Point) -> bool:

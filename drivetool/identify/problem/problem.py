@@ -94,6 +94,10 @@ class Problem:
         known = sum(len(self.known(i)) for i in range(len(self.traces)))
         return len(self.names) + len(self.traces) * len(self.free_start) - known
 
+    def variance(self, cost: float) -> float:
+        """Variance of a weighted residual by the sum of their squares at a solution."""
+        return cost / max(self.count - self.unknowns, 1)
+
     def known(self, i: int) -> list[int]:
         """Index of the start states of a stretch that are known and not estimated."""
         stated = {j for j, name in enumerate(self.states) if name in self.traces[i].start}

@@ -28,11 +28,6 @@ def as_recorded(drive: Drive, free: Sequence[str], number: int) -> tuple[Drive, 
     return drive, tuple(names.get(n, n) for n in free)
 
 
-def has_values_by_record(drive: Drive) -> bool:
-    """Whether a parameter has a value of its own in some recording."""
-    return any(record_of(n) for n in drive.values)
-
-
 def shared_free_names(free: Sequence[str], drive: Drive, experiments: Sequence[Experiment]) -> tuple[str, ...]:
     """The free parameters without those of which every recording has a value of its own."""
     names = {sha: name for name, sha in drive.records.items()}

@@ -14,10 +14,10 @@ from drivetool.drive.effects import induction, load_step
 from drivetool.drive.simulation import Plant, Trace, plant_of
 from drivetool.errors import BadOption, BadRecording, NotEnoughData
 from drivetool.identify.problem import Point, Problem
-from drivetool.identify.setup.by_record import as_recorded, has_values_by_record
+from drivetool.identify.setup.by_record import as_recorded
 from drivetool.identify.setup.supply import fed_by_voltages
 from drivetool.logs import INPUTS, Experiment, quantity
-from drivetool.quantity import name_of, owner_of, quantity_of
+from drivetool.quantity import name_of, owner_of, quantity_of, record_of
 
 UNNAMED_RECORDINGS = -1  # instead of a recording's number: those that are not named
 # Times its dead time, left out at the start of a stretch; a choice, since a fit may enlarge the dead time.
@@ -27,7 +27,6 @@ MIN_FINITE_SHARE = 0.5  # share of the third differences that must be finite; a 
 MIN_REVERSAL_SHARE = 0.02
 # Samples between two angles for a speed, a choice: over one sample an encoder's quantisation exceeds it.
 ANGLE_DIFFERENCE_SAMPLES = 8
-DAMPINGS = ("damping", "gap_damping", "load_damping")  # of shafts
 DAMPINGS = ("damping", "gap_damping", "load_damping")  # of shafts
 SWITCHING = ("half_gap", "coulomb")  # parameters of contacts and sticking
 
@@ -192,7 +191,7 @@ def problem_of(drive: Drive, free: Sequence[str], roles: Roles, traces: Sequence
         np.array([q.size(*sizes) for q in quantities]), tuple(traces), np.arange(plain.nx), stds / stds[0],
         later=np.array([owner_of(n) in drive.shafts and quantity_of(n) in DAMPINGS for n in free], bool),
         bodies=len(drive.bodies),
-        by_record=load_step.has_record_steps(drive.values) or has_values_by_record(drive),
+        by_record=load_step.has_record_steps(drive.values) or any(record_of(n) for n in drive.values),
         anchored=() if seen else tuple(i for i, name in enumerate(plain.states) if name == "angle"),
         states=tuple(plain.states), sensor_std=float(stds[0]), step=min(t.step for t in traces))
 
@@ -244,10 +243,7 @@ def linear_problem_of(drive: Drive, free: Sequence[str], roles: Roles, traces: S
 
 def sensor_stds(traces: Sequence[Trace]) -> np.ndarray:
     """(ny,) first guess of the sensors' std; of one that shows no noise, the largest of the others."""
-    ny = traces[0].outputs.shape[1]
-    stds = np.zeros(ny)
-    for m in range(ny):
-        stds[m] = white_std([t.outputs[:, m] for t in traces])
+    stds = np.array([white_std([t.outputs[:, m] for t in traces]) for m in range(traces[0].outputs.shape[1])])
     stds[stds <= 0.0] = max(stds.max(), 1e-12)
     return stds
 

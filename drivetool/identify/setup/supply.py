@@ -11,7 +11,7 @@ from drivetool.drive import Drive, by_converter, by_phases, vector_frequency, ve
 from drivetool.drive.effects import VOLTAGES
 from drivetool.errors import BadRecording
 from drivetool.finding import Finding
-from drivetool.logs import Experiment
+from drivetool.logs import Experiment, true_runs
 from drivetool.logs.conditioning import read_only
 from drivetool.quantity import name_of
 
@@ -96,8 +96,7 @@ def _with_supply_on(e: Experiment, on: np.ndarray) -> Experiment:
     """Without the stretches in which the supply is off."""
     kept = []
     for first, last in e.segments:
-        edges = np.flatnonzero(np.diff(np.concatenate([[0], on[first:last].astype(int), [0]]))).reshape(-1, 2)
-        kept += [(first + int(a), first + int(b)) for a, b in edges]
+        kept += [(first + int(a), first + int(b)) for a, b in true_runs(on[first:last])]
     lost = sum(b - a for a, b in e.segments) - sum(b - a for a, b in kept)
     if not lost:
         return e

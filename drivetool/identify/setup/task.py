@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 
 import numpy as np
@@ -50,6 +50,14 @@ class Task:
         """The task at fitted values."""
         return self.at(dict(zip(self.free, point.values, strict=True)))
 
+    def with_free(self, names: Collection[str]) -> Task:
+        """The task with these parameters of its drive free, and no others."""
+        return replace(self, free=tuple(n for n in self.drive.quantities if n in names))
+
+    def with_held(self, names: Collection[str]) -> Task:
+        """The task with these of its free parameters held."""
+        return replace(self, free=tuple(n for n in self.free if n not in names))
+
 
 @dataclass(frozen=True)
 class Outcome:
@@ -66,10 +74,20 @@ class Outcome:
     starts: tuple[dict, ...]
     converged: bool
 
+    @classmethod
+    def of_fit(cls, task: Task, problem: Problem, fit: Fit, starts: Sequence[dict] = ()) -> Outcome:
+        """The outcome of an innovations fit."""
+        return cls(task, problem, fit.solution, fit, tuple(starts), fit.converged)
+
+    @property
+    def fitted(self) -> Task:
+        """The task at the fitted values."""
+        return self.task.at_point(self.solution.point)
+
     @property
     def drive(self) -> Drive:
         """The drive with the fitted values."""
-        return self.task.at_point(self.solution.point).drive
+        return self.fitted.drive
 
 
 def has_gap(task: Task) -> bool:

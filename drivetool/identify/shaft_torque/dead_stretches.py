@@ -8,14 +8,14 @@ twist, is damping that acts in the gap.
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
-from itertools import pairwise
 
 import numpy as np
 
 from drivetool.drive import Drive
 from drivetool.identify.setup import Task, sensor_stds
+from drivetool.logs import true_runs
 from drivetool.quantity import name_of
 
 # Of the largest torque, above which a shaft is in contact. A choice: the low value for a free gap, the high one for
@@ -142,19 +142,12 @@ def _twist_rate(drive: Drive, speed: np.ndarray, torque: np.ndarray, load_torque
     return found - np.interp(np.arange(len(found)), np.array(centres)[order], np.array(offsets)[order])
 
 
-def _runs_of(mask: np.ndarray) -> Iterator[tuple[int, int]]:
-    """[first, past the last) of the runs of a mask."""
-    edges = np.flatnonzero(np.diff(mask.astype(np.int8))) + 1
-    bounds = [0, *edges.tolist(), len(mask)]
-    return ((a, b) for a, b in pairwise(bounds) if mask[a])
-
-
 def _contact_stretches(torque: np.ndarray, threshold: float) -> list[tuple[int, int]]:
-    return [(a, b) for side in (1.0, -1.0) for a, b in _runs_of(side * torque > threshold)
+    return [(a, b) for side in (1.0, -1.0) for a, b in true_runs(side * torque > threshold)
             if b - a >= MIN_STRETCH_SAMPLES]
 
 
 def _gap_passages(torque: np.ndarray, threshold: float) -> Sequence[tuple[int, int]]:
     """Stretches between two contacts."""
-    return [(a, b) for a, b in _runs_of(np.abs(torque) <= threshold) if a > 0 and b < len(torque)
+    return [(a, b) for a, b in true_runs(np.abs(torque) <= threshold) if a > 0 and b < len(torque)
             and b - a >= MIN_STRETCH_SAMPLES]

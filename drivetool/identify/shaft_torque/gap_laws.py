@@ -49,9 +49,9 @@ class BothLaws:
     @property
     def lead(self) -> float:
         """Log likelihood of the outcome's law over the other, below zero if it is behind; infinite without one."""
-        others = [_minus_log_likelihood_of(o) for law, o in self.each.items()
+        others = [o.fit.value for law, o in self.each.items()
                   if law != self.outcome.drive.damping_law]
-        return others[0] - _minus_log_likelihood_of(self.outcome) if others else float("inf")
+        return others[0] - self.outcome.fit.value if others else float("inf")
 
 
 def both_laws(task: Task, options: Options) -> BothLaws | None:
@@ -81,7 +81,7 @@ def both_laws(task: Task, options: Options) -> BothLaws | None:
     converged = [o for o in each.values() if o.converged]
     if not converged:
         return None
-    best = min(converged, key=_minus_log_likelihood_of)
+    best = min(converged, key=lambda o: o.fit.value)
     own = each.get(task.drive.damping_law)
     both = BothLaws(best, each, seen[0])
     # Where the record does not distinguish the laws, that of the file stays, if its fit converged.
@@ -96,24 +96,23 @@ def both_laws_from(outcome: Outcome, options: Options) -> BothLaws | None:
 
     outcome  of the drive's own law, whatever was free
     """
-    task = outcome.task.at_point(outcome.solution.point)
+    task = outcome.fitted
     shafts = task.drive.shafts
     gap, damping = name_of(shafts[0], "half_gap"), name_of(shafts[0], "damping")
     if len(shafts) != 1 or options.criterion not in ("auto", "innovations") or outcome.fit is None \
             or not outcome.converged or gap not in task.free or not task.drive.value(damping) \
             or not task.drive.value(gap) or any(record_of(n) for n in (*task.free, *task.drive.values)):
         return None
-    names = {*task.free, damping} - set(options.hold)
-    free = tuple(n for n in task.drive.quantities if n in names)
+    freed = task.with_free({*task.free, damping} - set(options.hold))
     each: dict[str, Outcome] = {}
     for law in get_args(DampingLaw):
-        start = replace(task, free=free, drive=replace(task.drive, damping_law=law))
+        start = replace(freed, drive=replace(task.drive, damping_law=law))
         if (found := _fit_or_none(start, MAX_REPEATED_FITS, outcome.fit.noise)) is not None and found.converged:
             each[law] = found
     own = task.drive.damping_law
     if own not in each:
         return None
-    best = min(each.values(), key=_minus_log_likelihood_of)
+    best = min(each.values(), key=lambda o: o.fit.value)
     both = BothLaws(best, each, None)
     # Where the record does not distinguish the laws, or damping does not matter, the fit that was made stays.
     return both if best.drive.damping_law != own and both.lead > MIN_LAW_LEAD else replace(both, outcome=each[own])
@@ -131,17 +130,12 @@ def _law_starts(task: Task, shaft: str, law: DampingLaw, seen: Crossings, names:
 
 def _fit_of_law(starts: Sequence[Task], free: tuple[str, ...], names: set[str]) -> Outcome | None:
     """The fit of one law: gap and damping from every start, then all that is free from the likeliest ends."""
-    order = starts[0].drive.quantities
-    first = [o for start in starts if (o := _fit_or_none(
-        replace(start, free=tuple(n for n in order if n in names)), 0)) is not None]
+    first = [o for start in starts if (o := _fit_or_none(start.with_free(names), 0)) is not None]
     if not first:
         return None
-    best = min(map(_minus_log_likelihood_of, first))
-    rest, found = tuple(n for n in order if n in {*names, *free}), []
-    for o in first:
-        if _minus_log_likelihood_of(o) < best + MAX_GAP_START_LOSS:
-            task = replace(o.task.at_point(o.solution.point), free=rest)
-            found.append(_fit_or_none(task, MAX_REPEATED_FITS, o.fit.noise if o.fit is not None else None))
+    best = min(o.fit.value for o in first)
+    found = [_fit_or_none(o.fitted.with_free({*names, *free}), MAX_REPEATED_FITS, o.fit.noise)
+             for o in first if o.fit.value < best + MAX_GAP_START_LOSS]
     return _likeliest_with_starts([o for o in found if o is not None])
 
 
@@ -159,24 +153,20 @@ def _fit_or_none(task: Task, repeats: int, noise: Noise | None = None) -> Outcom
             fit = refit_with_tight_tolerance(problem, until_converged(problem, fit, repeats))
     except (DriveToolError, np.linalg.LinAlgError):
         return None
-    return Outcome(task, problem, fit.solution, fit, (), fit.converged)
+    return Outcome.of_fit(task, problem, fit)
 
 
 def _likeliest_with_starts(found: Sequence[Outcome]) -> Outcome | None:
     """The likeliest converged outcome, with the end of each start: without convergence the noise is not final."""
     if not found:
         return None
-    best = min([o for o in found if o.converged] or found, key=_minus_log_likelihood_of)
+    best = min([o for o in found if o.converged] or found, key=lambda o: o.fit.value)
     starts = tuple({
         "way": "dead stretches",
-        "minus_log_likelihood_above_best": max(_minus_log_likelihood_of(o) - _minus_log_likelihood_of(best), 0.0),
+        "minus_log_likelihood_above_best": max(o.fit.value - best.fit.value, 0.0),
         "apart": log_likelihood_distance(best.problem, best.solution, o.solution),
         "reached": dict(zip(o.task.free, map(float, o.solution.point.values), strict=True))} for o in found)
     return replace(best, starts=starts)
-
-
-def _minus_log_likelihood_of(outcome: Outcome) -> float:
-    return outcome.fit.value if outcome.fit is not None else float("inf")
 
 
 def gap_law_finding(both: BothLaws, shaft: str, converged: bool = True) -> Finding:

@@ -13,7 +13,7 @@ import numpy as np
 
 from drivetool.drive import TOTALS, Drive
 from drivetool.finding import Finding
-from drivetool.identify.estimate import Covariance, Estimate, Parameter, covariance_of
+from drivetool.identify.estimate import Covariance, Estimate, covariance_of
 from drivetool.identify.fit import (
     MAX_PART_STD_SHARE,
     refit,
@@ -54,13 +54,10 @@ def with_identified_friction(outcome: Outcome, before: Drive, options: Options, 
         return split_totals(outcome, requested)
     for suffix in TOTALS.values() if options.known is not None and outcome.fit is not None else ():
         prior_stds = dict(zip(options.known.names, np.sqrt(np.diag(options.known.matrix)), strict=True))
-        names = {n for n, std in _unidentified_parts(outcome, before, suffix).items()
-                 if prior_stds.get(n, np.inf) < std}
-        names -= set(requested.free)
-        if names:
-            task = outcome.task.at_point(outcome.solution.point).at({n: before.values[n] for n in sorted(names)})
-            task = replace(task, free=tuple(n for n in task.free if n not in names))
-            outcome = refit(task, outcome.fit.noise)
+        unidentified = _unidentified_parts(outcome, before, suffix)
+        if names := {n for n, std in unidentified.items() if prior_stds.get(n, np.inf) < std} - {*requested.free}:
+            task = outcome.fitted.at({n: before.values[n] for n in sorted(names)})
+            outcome = refit(task.with_held(names), outcome.fit.noise)
     return outcome
 
 
@@ -102,7 +99,9 @@ def with_friction_of_file(estimate: Estimate, outcome: Outcome, options: Options
     if explanation is not None:
         moved, order = explanation.line @ moved, explanation.own.free
     stds = dict(zip(held.names, np.sqrt(np.diag(held.matrix)), strict=True))
-    lines = tuple(_with_std(p, float(stds[p.name])) if p.name in names else p for p in estimate.parameters)
+    reason = "as in the file: this record does not identify it"
+    lines = tuple(p.with_interval(float(stds[p.name])).replace(reason=reason) if p.name in names else p
+                  for p in estimate.parameters)
     covariance, from_file = estimate.covariance, [n for n in held.names if n in names]
     if covariance is not None:
         rows = [order.index(n) for n in covariance.names]
@@ -117,8 +116,3 @@ def with_friction_of_file(estimate: Estimate, outcome: Outcome, options: Options
         "Record steps about speeds that differ more, or hold each speed for longer.")
     findings = [f for f in estimate.findings if f.code != "held-values-dominate"]
     return replace(estimate, parameters=lines, covariance=covariance, findings=(*findings, note))
-
-
-def _with_std(line: Parameter, std: float) -> Parameter:
-    """A held value with its uncertainty."""
-    return line.with_interval(std).replace(reason="as in the file: this record does not identify it")

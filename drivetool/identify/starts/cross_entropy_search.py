@@ -16,7 +16,7 @@ import numpy as np
 
 from drivetool.drive import GEAR_RATIO_EXPONENTS, TOTALS
 from drivetool.identify.estimate import Covariance
-from drivetool.identify.noise import Noise, filtered, first_samples_of, minus_log_likelihood, unit_noise_ratio
+from drivetool.identify.noise import Noise, first_samples_of, minus_log_likelihood_at, unit_noise_ratio
 from drivetool.identify.problem import Point
 from drivetool.identify.setup import Task, first_point
 from drivetool.identify.starts.process_noise_continuation import MIN_NOISE_RATIO
@@ -136,7 +136,7 @@ def best_draw(transform: DrawTransform, seed: int) -> tuple[Task, float]:
     def by_exact(trial: Task, share: float) -> float:
         point = Point(free_values(trial), first_point(trial.drive, problem, task.roles).starts)
         noise = Noise(share * natural, None, problem.scale, share * natural)
-        return minus_log_likelihood(filtered(problem, point, noise, keep=False))
+        return minus_log_likelihood_at(problem, point, noise)
 
     best, ratio = _cross_entropy_rounds(transform, rng, by_linear, draws, FIRST_ROUND_NOISE_RATIOS)
     best, ratio = _cross_entropy_rounds(transform, rng, by_exact, _next_draws(best, rng),

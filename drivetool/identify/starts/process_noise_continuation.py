@@ -39,8 +39,8 @@ SIDE_CHOICE_SAMPLES = 250
 MIN_SIDE_GAIN = 2.0  # log likelihood by which another side must be better, a choice: 7 to 1
 
 
-def continue_in_process_noise(problem: Problem, linear: Problem | None, point: Point, start_ratio: float,
-                              steps: int = STEPS_PER_STAGE) -> tuple[Point, float]:
+def continue_in_process_noise(problem: Problem, linear: Problem | None, point: Point,
+                              start_ratio: float) -> tuple[Point, float]:
     """Follow the optimum while the torque noise of the observer is reduced.
 
     linear       the problem whose observers are used; None: the exact one's
@@ -58,7 +58,7 @@ def continue_in_process_noise(problem: Problem, linear: Problem | None, point: P
                                   SIDE_CHOICE_SAMPLES) if stage < SIDE_CHOICE_STAGES else point
         if turned is not point:
             point, gains = turned, frozen_observers(problem, linear, turned, noise)
-        point, cost = take_steps(boxed, point, gains, steps,
+        point, cost = take_steps(boxed, point, gains, STEPS_PER_STAGE,
                                  hold=problem.later if stage < UNDAMPED_STAGES else None)
         if linear is None:
             gains = frozen_observers(problem, None, point, noise)
@@ -83,12 +83,9 @@ def frozen_observers(problem: Problem, linear: Problem | None, point: Point, noi
 
 def _stationary_gains(linear: Problem, point: Point, noise: Noise) -> list[ObserverGains]:
     """The gains of a linear drive, which do not depend on the record: computed until they are stationary."""
-    longest = {}
-    for i, t in enumerate(linear.traces):
-        if t.step not in longest or t.size > linear.traces[longest[t.step]].size:
-            longest[t.step] = i
     found = {}
-    for step, i in longest.items():
+    for step in dict.fromkeys(t.step for t in linear.traces):
+        i = max((i for i, t in enumerate(linear.traces) if t.step == step), key=lambda i: linear.traces[i].size)
         one = replace(linear, traces=(_first_samples(linear.traces[i], GAIN_SETTLING_SAMPLES),))
         found[step] = filtered(one, Point(point.values, (point.starts[i],)), noise)[0].gains
     gains = []

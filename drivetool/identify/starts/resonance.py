@@ -11,7 +11,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from drivetool.identify.noise import Fit, Noise, filtered, first_samples_of, fit_ratio, minus_log_likelihood
+from drivetool.identify.noise import Fit, Noise, filtered, first_samples_of, fit_ratio, minus_log_likelihood_at
 from drivetool.identify.problem import Point, Problem, take_steps
 from drivetool.identify.starts.process_noise_continuation import SHAPE_QUANTITIES
 from drivetool.quantity import quantity_of
@@ -39,7 +39,7 @@ def resonance_starts(problem: Problem, initial: Point, fit: Fit) -> list[tuple[P
     part, initial = first_samples_of(problem, MAX_GRID_SAMPLES), _with_totals_of(problem, initial, fit.point)
     fit_value = _value_or_inf(part, fit.point, fit.noise)
     found: list[tuple[float, Point]] = []
-    for chosen in _stiffness_groups(stiff):
+    for chosen in [stiff, *([[j] for j in stiff] if len(stiff) > 1 else [])]:  # all shafts at once, then one by one
         for factor in np.geomspace(1.0 / STIFFNESS_FACTOR_RANGE, STIFFNESS_FACTOR_RANGE, STIFFNESS_GRID_SIZE):
             values = initial.values.copy()
             values[chosen] = np.clip(values[chosen] * factor, problem.low[chosen], problem.high[chosen])
@@ -62,11 +62,6 @@ def _with_totals_of(problem: Problem, initial: Point, known: Point) -> Point:
     return Point(values, initial.starts)
 
 
-def _stiffness_groups(stiff: Sequence[int]) -> list[list[int]]:
-    """All shafts at once, then one by one."""
-    return [list(stiff)] + ([[j] for j in stiff] if len(stiff) > 1 else [])
-
-
 @np.errstate(over="ignore", invalid="ignore")
 def _after_few_steps(problem: Problem, point: Point, noise: Noise) -> tuple[float, Point]:
     """(-log likelihood, point) after a few steps."""
@@ -76,7 +71,7 @@ def _after_few_steps(problem: Problem, point: Point, noise: Noise) -> tuple[floa
 
 
 def _value_or_inf(problem: Problem, point: Point, noise: Noise) -> float:
-    value = minus_log_likelihood(filtered(problem, point, noise, keep=False))
+    value = minus_log_likelihood_at(problem, point, noise)
     return value if np.isfinite(value) else np.inf
 
 

@@ -56,15 +56,13 @@ def regressed_totals(task: Task) -> dict[str, tuple[float, float]] | None:
     if task.roles.inputs != ("motor_torque",) or not role.startswith("motor") or any(r != 1.0 for r in ratios):
         return None
     window = FILTER_PERIODS / slowest_resonance(task)
-    rows, torques = [], []
+    parts = []
     for e in task.experiments:
         for a, b in e.segments:
             motion = e.signals[role][a:b]
             speed = motion if role.endswith("speed") else np.gradient(motion, e.step)
-            row, torque = _filtered_equations(speed, e.signals["motor_torque"][a:b], e.step, window)
-            rows.append(row)
-            torques.append(torque)
-    matrix, right = np.concatenate(rows), np.concatenate(torques)
+            parts.append(_filtered_equations(speed, e.signals["motor_torque"][a:b], e.step, window))
+    matrix, right = (np.concatenate(each) for each in zip(*parts, strict=True))
     if len(right) < MIN_EQUATIONS:
         return None
     values, std = _cauchy_regression(matrix, right)

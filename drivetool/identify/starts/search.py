@@ -111,7 +111,7 @@ def log_likelihood_distance(problem: Problem, one: Solution, other: Solution) ->
     Unidentifiable directions do not count.
     """
     matrix, _, _ = schur(one.normal)
-    variance = one.cost / max(problem.count - problem.unknowns, 1)
+    variance = problem.variance(one.cost)
     change = other.point.values - one.point.values
     return float(0.5 * change @ matrix @ change / variance) if variance > 0.0 else 0.0
 
@@ -138,17 +138,15 @@ def ranked_starts(task: Task, starts: Sequence[Mapping[str, float]], seed: int) 
     problem, linear = task.problem(), task.linear_problem()
     natural = unit_noise_ratio(problem, first_point(balanced_starts[0].drive, problem, task.roles))
     small, flat = first_samples_of(problem, SCREENING_SAMPLES), first_samples_of(linear, SCREENING_SAMPLES)
+
+    def lowest(start: Task) -> float:
+        values = screening_values(small, flat, start, natural, SCREENING_NOISE_RATIOS)
+        return float(np.nan_to_num(min(values), nan=np.inf))
+
     with ThreadPoolExecutor(PARALLEL_STARTS) as pool:
-        scores = list(pool.map(lambda t: minimum_or_inf(screening_values(small, flat, t, natural,
-                                                                         SCREENING_NOISE_RATIOS)),
-                               others))
+        scores = list(pool.map(lowest, others))
     order = sorted(range(len(others)), key=lambda i: (scores[i], i))
     return balanced_starts[:1] + [others[i] for i in order]
-
-
-def minimum_or_inf(values: Sequence[float]) -> float:
-    """The minimum; infinity where it is NaN."""
-    return float(np.nan_to_num(min(values), nan=np.inf))
 
 
 def _with_varied_shape(task: Task, rng: np.random.Generator) -> Task:
