@@ -11,7 +11,7 @@ from scipy import stats
 
 from drivetool.errors import BadRecording, NotEnoughData
 from drivetool.identify.plateaus import block_means, speed_of, steady_intervals
-from drivetool.logs import Experiment
+from drivetool.logs import Experiment, true_runs
 
 # Of a span: in each the speed is a straight line except for oscillation; a curvature leaves 1/625 of itself.
 SPAN_PIECES = 25
@@ -179,8 +179,7 @@ def _one_direction_parts(speed: np.ndarray, first: int, last: int) -> list[tuple
     """The parts of an interval before and after the motion reverses, without the standstill between them."""
     part = speed[first:last]
     slow = np.abs(part) <= MIN_SPEED_CHANGE * np.nanmax(np.abs(part), initial=0.0)  # a missing value is not slow
-    edges = np.flatnonzero(np.diff(np.concatenate([[1], slow.astype(np.int8), [1]]))).reshape(-1, 2)
-    return [(first + int(a), first + int(b)) for a, b in edges]
+    return [(first + int(a), first + int(b)) for a, b in true_runs(~slow)]
 
 
 def _fit_line(speed: np.ndarray, step: float) -> tuple[float, float, float]:

@@ -14,7 +14,7 @@ from drivetool.identify.frequency.frf import ESTIMATORS, Response, Welch, welch_
 from drivetool.identify.frequency.periodic import Lines, distortions, lines_of, period_of, periodic_response
 from drivetool.identify.frequency.spectra_findings import findings_of, peaks_of, pictures
 from drivetool.identify.frequency.spectrum import Spectrum
-from drivetool.logs import Experiment
+from drivetool.logs import Experiment, true_runs
 
 Method = Literal["auto", "welch", "periodic"]
 METHODS: tuple[Method, ...] = ("auto", "welch", "periodic")
@@ -97,11 +97,6 @@ def spectra(experiments: Sequence[Experiment], options: SpectraOptions) -> Spect
     return replace(draft, findings=findings_of(draft, reference), exhibits=pictures(draft))
 
 
-def response_of(experiments: Sequence[Experiment], options: SpectraOptions) -> Response:
-    """Only the response of all runs together: for fits in the frequency domain."""
-    return spectra(experiments, options).mean
-
-
 def output_role(experiments: Sequence[Experiment], wanted: str | None) -> str:
     """The sensor that every recording has: the requested one, else at the motor."""
     common = set.intersection(*(set(e.signals) for e in experiments))
@@ -123,9 +118,7 @@ def stretches_of(e: Experiment, output: str) -> Run:
         table[0, 1] = np.nan
     good, found = np.isfinite(table).all(axis=1), []
     for first, last in e.segments:
-        part = np.concatenate([[False], good[first:last], [False]]).astype(np.int8)
-        edges = np.flatnonzero(np.diff(part)).reshape(-1, 2)
-        found += [table[first + a: first + b] for a, b in edges if b - a >= 16]
+        found += [table[first + a: first + b] for a, b in true_runs(good[first:last]) if b - a >= 16]
     if not found:
         raise NotEnoughData(f"16 samples in a row with torque and {output} in {e.name}", "fewer",
                             "Choose another sensor, or resample the log.")

@@ -181,16 +181,16 @@ def _response_of_run(run: Lines, excited: np.ndarray) -> tuple[np.ndarray, np.nd
     suu, syy = np.sum(np.abs(du) ** 2, axis=0) / scale, np.sum(np.abs(dy) ** 2, axis=0) / scale
     syu = np.sum(dy * np.conj(du), axis=0) / scale
     g = ym / um
-    suu, syy, syu = (_smoothed_lines(a, 2 * int(np.ceil(0.5 * (VARIANCE_VALUES / p - 1.0))) + 1)
-                     for a in (suu, syy, syu))
+    near = min(int(np.ceil(0.5 * (VARIANCE_VALUES / p - 1.0))), MAX_NEIGHBOUR_LINES)
+    suu, syy, syu = (smoothed_lines(a, near) for a in (suu, syy, syu))
     # Noise in the feedback is in input and output: the covariance removes it.
     relative = syy / np.abs(ym) ** 2 + suu / np.abs(um) ** 2 - 2.0 * (syu / (ym * np.conj(um))).real
     return g, np.abs(g) ** 2 * np.maximum(relative, 0.0), syy
 
 
-def _smoothed_lines(x: np.ndarray, width: int) -> np.ndarray:
-    """Mean over an odd number of neighbouring lines, with the ends repeated."""
-    half = max(min(width // 2, MAX_NEIGHBOUR_LINES, (len(x) - 1) // 2), 0)
+def smoothed_lines(x: np.ndarray, near: int) -> np.ndarray:
+    """(n,) mean over each line of (n,) and up to so many neighbours to either side, with the ends repeated."""
+    half = max(min(near, (len(x) - 1) // 2), 0)
     return np.convolve(np.pad(x, half, mode="edge"), np.full(2 * half + 1, 1.0 / (2 * half + 1)), "valid")
 
 

@@ -14,7 +14,7 @@ import numpy as np
 from drivetool.drive import Drive
 from drivetool.errors import BadOption, NotEnoughData
 from drivetool.identify.estimate import Z95, Estimate, PlotData, estimate_from_fit, fit_percent, record_picture
-from drivetool.identify.frequency import SpectraOptions, response_of
+from drivetool.identify.frequency import SpectraOptions, spectra
 from drivetool.identify.polynomial.data import PolynomialData, data_of
 from drivetool.identify.polynomial.frequency_oe import fit_to_response
 from drivetool.identify.polynomial.pem_figures import ModelFigures, figures_of
@@ -65,7 +65,7 @@ def polynomial_blackbox(experiments: Sequence[Experiment], drive: Drive, options
     if data.extra:
         raise BadOption("a motor speed for a polynomial model in the frequency domain", "an angle",
                         "Log the speed, or use greybox --criterion frequency.")
-    fit, chi = fit_to_response(fit, response_of(experiments, SpectraOptions(band=options.band)), data.step,
+    fit, chi = fit_to_response(fit, spectra(experiments, SpectraOptions(band=options.band)).mean, data.step,
                                 options.weighting)
     estimate = _structure_estimate(experiments, drive, data, figures_of(fit, data.step), table, options.hold)
     return replace(estimate, fit={**estimate.fit, "chi_square_per_degree": chi},
