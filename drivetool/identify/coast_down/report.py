@@ -269,9 +269,8 @@ def _missing_law_finding(fitted: CoastDownFit, further: AdditionalFrictionLaw | 
     gain, options = further.gain, " ".join(f"--free {n}" for n in further.names)
     words = " or ".join(" with ".join(LAW_TEXTS[law] for law in laws) for laws in further.laws)
     text += (f"{words[0].upper()}{words[1:]} explains "
-             f"{'it' if further.misfit >= MISFIT_SIGNIFICANCE else 'part of it'}")
-    text += (f". On another coast-down from the same speed the simulation errs by {gain.percent:.3g} % less "
-             f"({gain.low:.3g} to {gain.high:.3g} %).")
+             f"{'it' if further.misfit >= MISFIT_SIGNIFICANCE else 'part of it'}. On another coast-down from the "
+             f"same speed the simulation errs by {gain.percent:.3g} % less ({gain.low:.3g} to {gain.high:.3g} %).")
     evidence |= {"law": " ".join(further.laws[0]), "gain_percent": gain.percent, "gain_low": gain.low,
                  "gain_high": gain.high}
     return Finding("warning", "nonlinear-friction", text, evidence,
@@ -297,10 +296,9 @@ def coast_down_plots(experiments: Sequence[Experiment], stretches: Sequence[Stre
              drive: Drive) -> tuple[PlotData, ...]:
     """The residual over the speed, and the recordings with the coast-downs marked, simulated, and their errors."""
     plots = [_residual_plot(fitted, drive)]
-    errors = np.split(fitted.weighted_residuals, np.cumsum([len(speed) for speed in fitted.speeds])[:-1])
     for k, e in enumerate(experiments):
         own = [(s, s.first + reading.known, speed, error) for s, reading, speed, error in zip(
-            stretches, fitted.readings, fitted.speeds, errors, strict=True) if s.recording == k]
+            stretches, fitted.readings, fitted.speeds, fitted.by_run, strict=True) if s.recording == k]
         simulated, error = curves = np.full((2, e.size), np.nan)
         for s, at, *of_readings in own:
             inside = np.arange(s.first, s.last)

@@ -204,8 +204,7 @@ def greybox_by_frequency(experiments: Sequence[Experiment], drive: Drive, free: 
     if good.sum() < len(names) + 2:
         raise NotEnoughData(f"at least {len(names) + 2} excited lines with a coherence above 0.5",
                             f"{int(good.sum())}", "Excite more lines, widen --band, or hold parameters.")
-    r = Response(*(a[good] for a in (r.frequency, r.g, r.noise, r.total, r.coherence)), r.bins, r.averages,
-        r.method)
+    r = r.at(good)
     drive, names = _friction_in_parts(drive, names, output, experiments[0].step, r, options)
     problem, solution = fit_lines(drive, names, output, experiments[0].step, r, options.weighting)
     likely = problem_of(drive, names, output, experiments[0].step, r, "variance")

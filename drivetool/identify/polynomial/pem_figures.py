@@ -6,6 +6,7 @@ Every figure comes with its exact gradient over the coefficients; the std follow
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 
@@ -79,10 +80,7 @@ def pairs_of(roots: list[Root], step: float) -> list[RootPair]:
 
 @dataclass(frozen=True)
 class ModelFigures:
-    """Poles, zeros and pairs of a fitted model, over its covariance.
-
-    unstable  unstable poles that are no integrator, in words; empty if there are none
-    """
+    """Poles, zeros and pairs of a fitted model, over its covariance."""
 
     fit: PemFit
     step: float
@@ -90,7 +88,23 @@ class ModelFigures:
     zeros: list[Root]
     resonances: list[RootPair]
     notches: list[RootPair]
-    unstable: str
+
+    @cached_property
+    def unstable(self) -> str:
+        """Unstable poles, in words; empty if there are none.
+
+        A real one that is not distinguishable from an integrator does not count.
+        """
+        bad, longest = [], max(len(d.y) for d in self.fit.problem.stretches) * self.step
+        for r in self.poles:
+            if r.s.real <= 0.0:
+                continue
+            std = self.std(r.gradient.real)
+            slow = abs(r.s.imag) == 0.0 and r.s.real * longest < 0.5
+            if slow and (std is None or r.s.real < 3.0 * std or r.s.real * longest < 0.05):
+                continue
+            bad.append(f"{r.s.real:.3g}{r.s.imag:+.3g}j" if r.s.imag else f"{r.s.real:.3g}")
+        return ", ".join(bad)
 
     def std(self, gradient: np.ndarray) -> float | None:
         """By the delta method; None where the covariance has no value."""
@@ -129,23 +143,7 @@ class ModelFigures:
 
 
 def figures_of(fit: PemFit, step: float) -> ModelFigures:
-    """Poles, zeros, pairs; and whether the model can be simulated."""
+    """Poles, zeros and pairs of a fit."""
     s, values = fit.structure, fit.values
     poles, zeros = roots_of(s, values, s.dynamics, step), roots_of(s, values, "B", step)
-    draft = ModelFigures(fit, step, poles, zeros, pairs_of(poles, step), pairs_of(zeros, step), "")
-    longest = max(len(d.y) for d in fit.problem.stretches) * step
-    return ModelFigures(fit, step, poles, zeros, draft.resonances, draft.notches, _unstable_poles(draft, longest))
-
-
-def _unstable_poles(f: ModelFigures, longest: float) -> str:
-    """Unstable poles. A real one that is not distinguishable from an integrator does not count."""
-    bad = []
-    for r in f.poles:
-        if r.s.real <= 0.0:
-            continue
-        std = f.std(r.gradient.real)
-        slow = abs(r.s.imag) == 0.0 and r.s.real * longest < 0.5
-        if slow and (std is None or r.s.real < 3.0 * std or r.s.real * longest < 0.05):
-            continue
-        bad.append(f"{r.s.real:.3g}{r.s.imag:+.3g}j" if r.s.imag else f"{r.s.real:.3g}")
-    return ", ".join(bad)
+    return ModelFigures(fit, step, poles, zeros, pairs_of(poles, step), pairs_of(zeros, step))
