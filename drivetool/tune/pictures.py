@@ -144,10 +144,7 @@ def planes(gains: Gains, design: Design, loop: Loop, own_plant: Plant, prefix: s
 
 def sensitivities(own: Plant, times: np.ndarray, kps: np.ndarray, second: float) -> np.ndarray:
     """(gains, times) Ms on the frequencies of the plant."""
-    found = np.empty((len(kps), len(times)))
-    for k, ti in enumerate(times):
-        found[:, k] = 1.0 / np.abs(1.0 + np.outer(kps, own.shape(ti, second))).min(axis=1)
-    return found
+    return np.column_stack([1.0 / np.abs(1.0 + np.outer(kps, own.shape(ti, second))).min(axis=1) for ti in times])
 
 
 def load_step(gains: Gains, draws: Draws | None) -> LoadStep:

@@ -144,13 +144,11 @@ def converted(physical: PhysicalModel, outcome: Outcome, c: Mapping[str, Dual], 
               gain: float) -> tuple[dict[str, Dual], tuple[str, ...]]:
     """(physical numbers, ()), or (numbers still identifiable, (reason, code)) if there is no conversion."""
     form = physical.form
-    values = {n: d.v for n, d in c.items()}
     friction = _friction_numbers(physical, outcome, c, uncertainty)
     if not gain >= MIN_BLACKBOX_SHAFT_GAIN:
         return friction, ("the oscillation of the shaft is not significant: one rigid body explains the record as "
                           "well", "shaft-not-identifiable")
-    reason = why_impossible(values)
-    if reason:
+    if reason := why_impossible({n: d.v for n, d in c.items()}):
         return {}, (reason, "no-conversion")
     numbers = to_physical(form, c) | friction
     for key, name in physical.names.items():

@@ -178,8 +178,8 @@ def _covariance_by_added_inertia(
     names  of the recordings of the coast-downs; scatter: of a friction, over its mean
     """
     found, own = np.zeros((len(free), len(free))), drive.values[INERTIA]
-    added = [n for n in drive.values if quantity_of(n) == "added_inertia" and record_of(n)]
-    for name in [n for n in added if n in free or drive.value(n)]:
+    for name in [n for n in drive.values if quantity_of(n) == "added_inertia" and record_of(n)
+                 and (n in free or drive.value(n))]:
         size, on = drive.values[name], sum(n == record_of(name) for n in names)
         if not 0 < on < len(names):
             continue

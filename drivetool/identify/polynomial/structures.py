@@ -55,10 +55,7 @@ def polynomial_blackbox(experiments: Sequence[Experiment], drive: Drive, options
     data = data_of(experiments)
     _check_changes(data)
     noise = DEFAULT_NOISE_ORDER if options.noise_order is None else options.noise_order
-    table: list[dict] = []
-    order = options.order
-    if order is None:
-        order, table = choose_order(data, kind, noise)
+    order, table = choose_order(data, kind, noise) if options.order is None else (options.order, [])
     fit = fit_structure(data.stretches, Structure(kind, order, noise, data.extra))
     if options.criterion != "frequency":
         return _structure_estimate(experiments, drive, data, figures_of(fit, data.step), table, options.hold)

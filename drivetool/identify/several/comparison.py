@@ -282,8 +282,7 @@ def _comparison_findings(models: Sequence[FittedStructure],
 
 def _moving_notch_findings(structure: str, models: Sequence[FittedStructure]) -> list[Finding]:
     """A first notch that differs between records by more than its standard deviations: not one linear drive."""
-    notch = {m.record: m.figures["notch 1"] for m in models if "notch 1" in m.figures}
-    known = {r: x for r, x in notch.items() if x[1] is not None}
+    known = {m.record: x for m in models if (x := m.figures.get("notch 1")) is not None and x[1] is not None}
     if len(known) < 2:
         return []
     low, high = (f(known, key=lambda r: known[r][0]) for f in (min, max))
