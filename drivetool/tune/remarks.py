@@ -140,24 +140,20 @@ def design_findings(drive: Drive, design: Design, options: TuneOptions) -> list[
 
 def limit_cycle_findings(drive: Drive, design: Design, prefix: str) -> list[Finding]:
     """Limit cycles of the simulated nonlinear drive, and the result of the describing function."""
-    found = []
     speed = f"{drive.motion_unit}/s"
     advice = "Lower the gain, or eliminate the backlash."
     if design.safe_gain:
         advice = (f"At Kp up to {design.safe_gain:.4g} {gain_unit(drive)} the loop is stable for every effective "
                   "stiffness of the gap: reduce Kp, or eliminate the backlash.")
-    for watch in design.watches:
-        if watch.hunts:
-            found.append(Finding(
-                "warning", "limit-cycle",
-                f"{prefix}The backlash causes a limit cycle ({watch.situation}): the motor speed oscillates by "
-                f"+-{watch.amplitude:.3g} {speed} at {watch.frequency_hz:.3g} Hz, the torque by "
-                f"+-{watch.torque_amplitude:.3g} {drive.torque_unit}. It starts after an impact that changes the "
-                f"load speed by {watch.kick:.2g} {speed}.",
-                {"amplitude": watch.amplitude, "frequency_hz": watch.frequency_hz,
-                 "load_amplitude": watch.load_amplitude, "torque_amplitude": watch.torque_amplitude,
-                 "kick": watch.kick,
-                 "gain_without_cycle": design.safe_gain or 0.0}, advice))
+    found = [Finding(
+        "warning", "limit-cycle",
+        f"{prefix}The backlash causes a limit cycle ({watch.situation}): the motor speed oscillates by "
+        f"+-{watch.amplitude:.3g} {speed} at {watch.frequency_hz:.3g} Hz, the torque by "
+        f"+-{watch.torque_amplitude:.3g} {drive.torque_unit}. It starts after an impact that changes the "
+        f"load speed by {watch.kick:.2g} {speed}.",
+        {"amplitude": watch.amplitude, "frequency_hz": watch.frequency_hz, "load_amplitude": watch.load_amplitude,
+         "torque_amplitude": watch.torque_amplitude, "kick": watch.kick,
+         "gain_without_cycle": design.safe_gain or 0.0}, advice) for watch in design.watches if watch.hunts]
     if design.safe_gain is not None and not found:
         found.append(Finding(
             "note", "limit-cycle",

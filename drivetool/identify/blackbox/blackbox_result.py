@@ -24,6 +24,7 @@ from drivetool.identify.estimate import (
     held_line,
     held_uncertainty,
     line_of,
+    std_by_gradient,
     whole_table,
 )
 from drivetool.identify.noise import filtered
@@ -81,10 +82,8 @@ class Uncertainty:
 
     def std(self, number: Dual) -> float | None:
         """Standard deviation; None where the record has no information on the number."""
-        if np.any(self.lost & (number.d != 0.0)):
-            return None
-        variance = number.d @ self.covariance @ number.d
-        return float(np.sqrt(variance)) if np.isfinite(variance) and variance > 0.0 else None
+        lost = np.any(self.lost & (number.d != 0.0))
+        return None if lost else std_by_gradient(number.d, self.covariance)
 
     def figure(self, number: Dual) -> dict[str, float | None]:
         """Value and standard deviation as plain numbers."""

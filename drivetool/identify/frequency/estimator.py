@@ -86,13 +86,12 @@ def spectra(experiments: Sequence[Experiment], options: SpectraOptions) -> Spect
         if not len(found.frequency):
             raise BadOption("excited lines in the band", f"none from {options.band[0]:g} to "
                             f"{options.band[1]:g} Hz", "Widen --band.")
-    levels = distortions(lines) if lines else ()
     loop = feedback_of([s[:, :2] for r in runs for s in r.stretches])
     reference = runs[0].stretches[0].shape[1] > 2
     e = experiments[0]
     unit = f"{e.unit(output.replace('angle', 'speed'))}/{e.unit('motor_torque')}"
     draft = Spectrum(
-        "motor_torque", output, unit, found, tuple(each), _std_over_runs(found, each), levels,
+        "motor_torque", output, unit, found, tuple(each), _std_over_runs(found, each), distortions(lines),
         loop, settings, peaks_of(found), (), tuple(x.source for x in experiments))
     return replace(draft, findings=findings_of(draft, reference), exhibits=pictures(draft))
 

@@ -10,6 +10,7 @@ from functools import cached_property
 
 import numpy as np
 
+from drivetool.identify.estimate import std_by_gradient
 from drivetool.identify.polynomial.pem_fit import PemFit
 from drivetool.identify.polynomial.pem_model import Structure
 
@@ -108,8 +109,7 @@ class ModelFigures:
 
     def std(self, gradient: np.ndarray) -> float | None:
         """By the delta method; None where the covariance has no value."""
-        variance = float(gradient @ self.fit.covariance @ gradient)
-        return float(np.sqrt(variance)) if np.isfinite(variance) and variance > 0.0 else None
+        return std_by_gradient(gradient, self.fit.covariance)
 
     def pair(self, p: RootPair) -> dict[str, object]:
         """A pair as plain numbers."""

@@ -13,7 +13,15 @@ from dataclasses import replace
 import numpy as np
 
 from drivetool.drive import TOTALS, Drive, chain_alone, state_space
-from drivetool.identify.estimate import Z95_ONE_SIDED, Covariance, Parameter, held_line, line_of, whole_table
+from drivetool.identify.estimate import (
+    Z95_ONE_SIDED,
+    Covariance,
+    Parameter,
+    held_line,
+    line_of,
+    std_by_gradient,
+    whole_table,
+)
 from drivetool.identify.frequency import LineProblem
 from drivetool.identify.polynomial.cauer import chain_of
 from drivetool.identify.polynomial.pem_figures import MAX_RINGING_DAMPING, ModelFigures
@@ -129,12 +137,8 @@ def ringing_frequencies_with_std(drive: Drive, found: Mapping[str, tuple[float, 
         up, down = (ringing_frequencies(replace(plain, values=plain.values | {name: values[name] + x}))
                     for x in (d, -d))
         table[name] = {k: (up.get(k, np.nan) - down.get(k, np.nan)) / (2.0 * d) for k in centre}
-    stds = {}
-    for k in centre:
-        gradient = np.array([table[name][k] for name in covariance.names])
-        variance = float(gradient @ covariance.matrix @ gradient)
-        stds[k] = float(np.sqrt(variance)) if np.isfinite(variance) and variance > 0.0 else None
-    return {k: (w, stds[k]) for k, w in centre.items()}
+    return {k: (w, std_by_gradient(np.array([table[name][k] for name in covariance.names]), covariance.matrix))
+            for k, w in centre.items()}
 
 
 def _response_problem(drive: Drive, names: tuple[str, ...], f: ModelFigures, differenced: int) -> LineProblem:

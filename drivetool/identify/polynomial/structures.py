@@ -69,12 +69,11 @@ def polynomial_blackbox(experiments: Sequence[Experiment], drive: Drive, options
                    details={**estimate.details, "criterion": "frequency", "weighting": options.weighting})
 
 
-def choose_order(data: PolynomialData, kind: str, noise: int,
-                 orders: Sequence[int] = TRIED_ORDERS) -> tuple[int, list[dict]]:
+def choose_order(data: PolynomialData, kind: str, noise: int) -> tuple[int, list[dict]]:
     """The order by its simulation of the held-out end of every stretch, and the scores of all orders."""
     train, rest = data.parts(1.0 - HELD_OUT_SHARE)
     table, reason = [], None
-    for order in orders:
+    for order in TRIED_ORDERS:
         try:
             fit = fit_structure(train.stretches, Structure(kind, order, noise, data.extra))
             score = simulated_fit(fit, data.step, rest.stretches)
