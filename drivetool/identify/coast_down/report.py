@@ -57,7 +57,7 @@ def ratio_lines(drive: Drive, free: Sequence[str], fitted: CoastDownFit) -> tupl
     found = []
     inertia = drive.values[INERTIA]
     for i, name in enumerate(free):
-        if name == INERTIA or "{T}" not in drive.quantity(name).unit:
+        if name == INERTIA or "{T}" not in drive.quantity(name).unit or unidentified(name, free, fitted):
             continue
         value, slope = drive.values[name] / inertia, np.zeros(len(free))
         slope[i] = 1.0 / inertia
@@ -65,8 +65,6 @@ def ratio_lines(drive: Drive, free: Sequence[str], fitted: CoastDownFit) -> tupl
             slope[free.index(INERTIA)] = -value / inertia
         variances = fitted.covariance[np.ix_(slope != 0.0, slope != 0.0)]
         std = float(np.sqrt(max(slope[slope != 0.0] @ variances @ slope[slope != 0.0], 0.0)))
-        if unidentified(name, free, fitted):
-            continue
         found.append(Parameter(name=ratio_name(name), value=value, unit=ratio_unit(drive, name)).with_interval(
             std, (drive.quantity(name).bounds[0], np.inf)))
     return tuple(found)

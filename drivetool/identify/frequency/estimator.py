@@ -115,9 +115,9 @@ def stretches_of(e: Experiment, output: str) -> Run:
     if output.endswith("angle"):
         table[1:, 1] = np.diff(table[:, 1]) / e.step
         table[0, 1] = np.nan
-    good, found = np.isfinite(table).all(axis=1), []
-    for first, last in e.segments:
-        found += [table[first + a: first + b] for a, b in true_runs(good[first:last]) if b - a >= 16]
+    good = np.isfinite(table).all(axis=1)
+    found = [table[first + a: first + b] for first, last in e.segments
+             for a, b in true_runs(good[first:last]) if b - a >= 16]
     if not found:
         raise NotEnoughData(f"16 samples in a row with torque and {output} in {e.name}", "fewer",
                             "Choose another sensor, or resample the log.")

@@ -23,10 +23,9 @@ MAX_NYQUIST_SHARE = 0.8  # of the Nyquist frequency, a choice; zeros beyond it c
 class Root:
     """A pole or zero in continuous time, s = ln(z)/step.
 
-    z, s   complex; gradient (k,) complex: of s over the coefficients
+    gradient  (k,) complex: of s over the coefficients
     """
 
-    z: complex
     s: complex
     gradient: np.ndarray
 
@@ -61,7 +60,7 @@ def roots_of(structure: Structure, values: np.ndarray, letter: str, step: float)
             continue
         gradient = np.zeros(len(values), complex)
         gradient[part] = -(x ** np.arange(k - 1, -1, -1)) / below
-        found.append(Root(complex(z), complex(np.log(z + 0j)) / step, gradient * rate / z / step))
+        found.append(Root(complex(np.log(z + 0j)) / step, gradient * rate / z / step))
     return sorted(found, key=lambda r: (abs(r.s), r.s.imag))
 
 
