@@ -94,8 +94,8 @@ def spread_findings(drive: Drive, options: TuneOptions, covariance: Covariance |
             f"The quantiles do not include the uncertainty of {', '.join(without_std)}, which the file does not "
             "state.",
             {"parameters": len(without_std)}, "See the variations, which change them one at a time."))
-    if options.known is not None and any(n not in options.known.names for n in covariance.names):
-        uncorrelated = [n for n in covariance.names if n not in options.known.names]
+    uncorrelated = [n for n in covariance.names if options.known is not None and n not in options.known.names]
+    if uncorrelated:
         found.append(Finding(
             "note", "covariance-incomplete",
             f"{', '.join(uncorrelated)} were drawn independently: the file states no correlations for them.",

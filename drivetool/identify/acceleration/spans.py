@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from itertools import pairwise
+from itertools import accumulate, pairwise
 
 import numpy as np
 from scipy import stats
@@ -125,15 +125,10 @@ def turns_both_ways(spans: Sequence[Span]) -> bool:
 
 def block_averages_of_spans(experiment: Experiment, spans: Sequence[Span], length: int) -> Experiment:
     """The recording with the spans as its only stretches and the motor alone, as means over blocks of samples."""
-    signals: dict[str, list[np.ndarray]] = {role: [] for role in ("motor_torque", "motor_speed", "motor_angle")
-                                            if role in experiment.signals}
-    edges = [0]
-    for s in spans:
-        for role, parts in signals.items():
-            parts.append(block_means(experiment.signals[role][s.first:s.last], length))
-        edges.append(edges[-1] + (s.last - s.first) // length)
-    return replace(experiment, step=experiment.step * length, others=(), begins=False,
-                   signals={role: np.concatenate(parts) for role, parts in signals.items()},
+    signals = {role: np.concatenate([block_means(experiment.signals[role][s.first:s.last], length) for s in spans])
+               for role in ("motor_torque", "motor_speed", "motor_angle") if role in experiment.signals}
+    edges = accumulate(((s.last - s.first) // length for s in spans), initial=0)
+    return replace(experiment, step=experiment.step * length, others=(), begins=False, signals=signals,
                    segments=tuple(pairwise(edges)))
 
 
