@@ -114,7 +114,9 @@ def greybox_by_inverse(experiments: Sequence[Experiment], drive: Drive, free: Se
             "the inverse model explains none of the torque") for p in lines)
     return estimate_from_fit(
         "greybox", experiments, alone.drive, lines, covariance, outcome=_outcome_sentence(fit, reference),
-        fit=figures, findings=findings, exhibits=exhibits, explanation=_laws_sentence(laws), laws=laws,
+        fit=figures, findings=findings, exhibits=exhibits, laws=laws,
+        explanation=f"{len(laws)} further effect{'s' if len(laws) > 1 else ''} fitted in addition to the drive "
+        "model." if laws else "",
         details={"criterion": "inverse", "outputs": ["motor_torque"], "instruments": reference or "none"})
 
 
@@ -138,13 +140,6 @@ def _found_laws(fit: InverseFit) -> tuple[FoundLaw, ...]:
         found.append(FoundLaw.of(law.name, fit.values[part], std[part]))
         k += law.size
     return tuple(found)
-
-
-def _laws_sentence(laws: Sequence[FoundLaw]) -> str:
-    """The number of laws fitted beside the drive, in words."""
-    if not laws:
-        return ""
-    return f"{len(laws)} further effect{'s' if len(laws) > 1 else ''} fitted in addition to the drive model."
 
 
 def _structural_std(fit: InverseFit, line: np.ndarray, sensor: str, reference: str | None) -> np.ndarray:

@@ -62,18 +62,17 @@ def undamped_start_values(drive: Drive, f: ModelFigures) -> dict[str, float]:
             found[name_of(shaft, "stiffness")] = stiffnesses[i - 1] * square
             found[name_of(shaft, "damping")] = 2.0 * max(pair.damping,
                                                          0.0) / pair.rad_s * found[name_of(shaft, "stiffness")]
-        name, value = _inertia_or_carried_mass(drive, body, inertias[i] * square)
-        found[name] = value
+        found |= _inertia_or_carried_mass(drive, body, inertias[i] * square)
         found[name_of(body, "viscous")] = max(pole, 0.0) * inertias[i] * square
     return found
 
 
-def _inertia_or_carried_mass(drive: Drive, body: str, inertia: float) -> tuple[str, float]:
-    """(name, value) of the parameter that sets an inertia: the mass that a body carries, else its own inertia."""
+def _inertia_or_carried_mass(drive: Drive, body: str, inertia: float) -> dict[str, float]:
+    """Name -> value of the parameter that sets an inertia: the mass that a body carries, else its own inertia."""
     if not drive.value(name_of(body, "carried_mass")):
-        return name_of(body, "inertia"), inertia
+        return {name_of(body, "inertia"): inertia}
     radius, own = drive.value(name_of(body, "radius")), drive.value(name_of(body, "inertia")) or 0.0
-    return name_of(body, "carried_mass"), max(inertia - own, 0.01 * inertia) / radius**2
+    return {name_of(body, "carried_mass"): max(inertia - own, 0.01 * inertia) / radius**2}
 
 
 def conversion(drive: Drive, f: ModelFigures, differenced: int = 0) -> tuple[ChainValues, Covariance | None, str]:

@@ -98,7 +98,12 @@ def simulated_fit(fit: PemFit, step: float, stretches: Sequence[Stretch]) -> flo
     pairs = [simulate_on(fit, s) for s in stretches if len(s.y) >= 3 * (fit.structure.order + 1)]
     if not pairs:
         raise NotEnoughData("a stretch long enough for cross-validation", "only shorter ones", "Record longer.")
-    return fit_percent(np.concatenate([y for y, _ in pairs]), np.concatenate([x for _, x in pairs]))
+    return _fit_of_pairs(pairs)
+
+
+def _fit_of_pairs(pairs: Sequence[tuple[np.ndarray, np.ndarray]]) -> float:
+    """Fit [%] over all pairs of measured and simulated."""
+    return fit_percent(*(np.concatenate(each) for each in zip(*pairs, strict=True)))
 
 
 def simulate_on(fit: PemFit, stretch: Stretch) -> tuple[np.ndarray, np.ndarray]:
@@ -134,11 +139,10 @@ def _structure_estimate(experiments: Sequence[Experiment], drive: Drive, data: P
     fitted = {p.name: p.value for p in lines if p.status in ("fitted", "at-bound", "not-identifiable")}
     after = drive.with_values({n: v for n, v in fitted.items() if n in found})
     pairs = [] if figures.unstable else [simulate_on(fit, s) for s in data.stretches]
-    y = np.concatenate([s.y for s in data.stretches])
     e = np.concatenate([fit.problem.errors(fit.values, a, d) for a, d in zip(
         fit.solution.point.starts, fit.problem.stretches, strict=True)])
     measured = np.concatenate([d.y for d in fit.problem.stretches])
-    simulation = fit_percent(y, np.concatenate([x for _, x in pairs])) if pairs else None
+    simulation = _fit_of_pairs(pairs) if pairs else None
     s = fit.structure
     return estimate_from_fit(
         "blackbox", experiments, after, lines, covariance,
