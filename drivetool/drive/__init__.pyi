@@ -13,6 +13,7 @@ from .chain import (
 from .dual import Dual as Dual
 from .linearise import (
     MOTOR_TORQUE as MOTOR_TORQUE,
+    chain_alone as chain_alone,
     linear_drive as linear_drive,
     resonances as resonances,
     state_space as state_space,

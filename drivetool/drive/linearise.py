@@ -14,7 +14,7 @@ import numpy as np
 from drivetool.drive.assemble import Assembly, Layout
 from drivetool.drive.chain import Drive
 from drivetool.drive.shaft_rows import damping_of
-from drivetool.quantity import quantity_of
+from drivetool.quantity import owner_of, quantity_of
 
 MOTOR_TORQUE = "motor_torque"
 
@@ -41,6 +41,12 @@ def linear_drive(drive: Drive) -> Drive:
     removed = ("half_gap", "coulomb", "dead_time")
     return replace(drive, values={
         k: v for k, v in drive.values.items() if quantity_of(k) not in removed})
+
+
+def chain_alone(drive: Drive) -> Drive:
+    """The chain alone, without torque path and sensor."""
+    return replace(drive, values={
+        k: v for k, v in drive.values.items() if owner_of(k) not in ("converter", "sensor")})
 
 
 def state_space(drive: Drive, inputs: Sequence[str] = (MOTOR_TORQUE,), outputs: Sequence[str] = ("motor_speed",),

@@ -85,10 +85,9 @@ def wirings_to_tune(drive: Drive, options: TuneOptions) -> tuple[tuple[Wiring, .
         ("siso", "miso", "mimo") if len(motors) == 2 and len(drive.bodies) > 2 else ("siso",))
     notes: tuple[Finding, ...] = ()
     if "mimo" in wanted and not options.shaft_torque:
-        role = "shaft torque"
-        if options.configurations and "mimo" in options.configurations:
+        if options.configurations:
             raise BadParameters(
-                f"a measured {role} for the feedback K3 of a mimo configuration", "no shaft_torque role",
+                "a measured shaft torque for the feedback K3 of a mimo configuration", "no shaft_torque role",
                 "Name its channel as role shaft_torque in a channel map and give it with --map, "
                 "or leave mimo out.")
         wanted = tuple(each for each in wanted if each != "mimo")

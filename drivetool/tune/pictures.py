@@ -19,7 +19,15 @@ POINTS_PER_AXIS = 72
 
 
 @dataclass(frozen=True)
-class GainTimeMap:
+class Picture:
+    """What every picture has."""
+
+    kind: str
+    title: str
+
+
+@dataclass(frozen=True)
+class GainTimeMap(Picture):
     """Figures over integral time and gain on logarithmic axes; infinite where the loop is unstable.
 
     kind      criterion-plane or impact-drop-plane
@@ -28,8 +36,6 @@ class GainTimeMap:
     optimum   (Ti, Kp); limit: of Ms
     """
 
-    kind: str
-    title: str
     times: np.ndarray
     gains: np.ndarray
     gain_unit: str
@@ -40,14 +46,12 @@ class GainTimeMap:
 
 
 @dataclass(frozen=True)
-class LoadStep:
+class LoadStep(Picture):
     """Responses to a step of load torque, all designs on one time axis.
 
     speeds, torques  label -> (time, value); bands: label -> (time, lowest, highest) over the draws
     """
 
-    kind: str
-    title: str
     speed_label: str
     torque_label: str
     speeds: Mapping[str, tuple[np.ndarray, np.ndarray]]
@@ -56,24 +60,20 @@ class LoadStep:
 
 
 @dataclass(frozen=True)
-class Frequencies:
+class Frequencies(Picture):
     """Loop gains over frequency, nominal first, for the Nichols and the sensitivity picture.
 
     curves  label -> (frequency [Hz], L)
     """
 
-    kind: str
-    title: str
     curves: Mapping[str, tuple[np.ndarray, np.ndarray]]
     limit: float
 
 
 @dataclass(frozen=True)
-class SpreadPicture:
+class SpreadPicture(Picture):
     """Histograms of the spread."""
 
-    kind: str
-    title: str
     spread: FigureSpread
     nominal: Mapping[str, float]
     units: Mapping[str, str]
@@ -81,20 +81,18 @@ class SpreadPicture:
 
 
 @dataclass(frozen=True)
-class LimitCyclePlotData:
+class LimitCyclePlotData(Picture):
     """The nonlinear drive after kicks; half_gap of the last shaft, zero if it has none."""
 
-    kind: str
-    title: str
     watches: tuple[DisturbanceResponse, ...]
     speed_unit: str
     torque_unit: str
     half_gap: float
 
 
-def pictures(gains: Gains, draws: Draws | None) -> tuple[object, ...]:
+def pictures(gains: Gains, draws: Draws | None) -> tuple[Picture, ...]:
     """The data of all pictures of all designs."""
-    found: list[object] = []
+    found: list[Picture] = []
     several = len(gains.designs) > 1
     for design in gains.designs:
         name = design.wiring.configuration if several else ""
@@ -144,10 +142,7 @@ def planes(gains: Gains, design: Design, loop: Loop, own_plant: Plant, prefix: s
 
 def sensitivities(own: Plant, times: np.ndarray, kps: np.ndarray, second: float) -> np.ndarray:
     """(gains, times) Ms on the frequencies of the plant."""
-    found = np.empty((len(kps), len(times)))
-    for k, ti in enumerate(times):
-        found[:, k] = 1.0 / np.abs(1.0 + np.outer(kps, own.shape(ti, second))).min(axis=1)
-    return found
+    return np.column_stack([1.0 / np.abs(1.0 + np.outer(kps, own.shape(ti, second))).min(axis=1) for ti in times])
 
 
 def load_step(gains: Gains, draws: Draws | None) -> LoadStep:

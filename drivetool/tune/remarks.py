@@ -94,8 +94,8 @@ def spread_findings(drive: Drive, options: TuneOptions, covariance: Covariance |
             f"The quantiles do not include the uncertainty of {', '.join(without_std)}, which the file does not "
             "state.",
             {"parameters": len(without_std)}, "See the variations, which change them one at a time."))
-    if options.known is not None and any(n not in options.known.names for n in covariance.names):
-        uncorrelated = [n for n in covariance.names if n not in options.known.names]
+    uncorrelated = [n for n in covariance.names if options.known is not None and n not in options.known.names]
+    if uncorrelated:
         found.append(Finding(
             "note", "covariance-incomplete",
             f"{', '.join(uncorrelated)} were drawn independently: the file states no correlations for them.",
@@ -140,24 +140,20 @@ def design_findings(drive: Drive, design: Design, options: TuneOptions) -> list[
 
 def limit_cycle_findings(drive: Drive, design: Design, prefix: str) -> list[Finding]:
     """Limit cycles of the simulated nonlinear drive, and the result of the describing function."""
-    found = []
     speed = f"{drive.motion_unit}/s"
     advice = "Lower the gain, or eliminate the backlash."
     if design.safe_gain:
         advice = (f"At Kp up to {design.safe_gain:.4g} {gain_unit(drive)} the loop is stable for every effective "
                   "stiffness of the gap: reduce Kp, or eliminate the backlash.")
-    for watch in design.watches:
-        if watch.hunts:
-            found.append(Finding(
-                "warning", "limit-cycle",
-                f"{prefix}The backlash causes a limit cycle ({watch.situation}): the motor speed oscillates by "
-                f"+-{watch.amplitude:.3g} {speed} at {watch.frequency_hz:.3g} Hz, the torque by "
-                f"+-{watch.torque_amplitude:.3g} {drive.torque_unit}. It starts after an impact that changes the "
-                f"load speed by {watch.kick:.2g} {speed}.",
-                {"amplitude": watch.amplitude, "frequency_hz": watch.frequency_hz,
-                 "load_amplitude": watch.load_amplitude, "torque_amplitude": watch.torque_amplitude,
-                 "kick": watch.kick,
-                 "gain_without_cycle": design.safe_gain or 0.0}, advice))
+    found = [Finding(
+        "warning", "limit-cycle",
+        f"{prefix}The backlash causes a limit cycle ({watch.situation}): the motor speed oscillates by "
+        f"+-{watch.amplitude:.3g} {speed} at {watch.frequency_hz:.3g} Hz, the torque by "
+        f"+-{watch.torque_amplitude:.3g} {drive.torque_unit}. It starts after an impact that changes the "
+        f"load speed by {watch.kick:.2g} {speed}.",
+        {"amplitude": watch.amplitude, "frequency_hz": watch.frequency_hz, "load_amplitude": watch.load_amplitude,
+         "torque_amplitude": watch.torque_amplitude, "kick": watch.kick,
+         "gain_without_cycle": design.safe_gain or 0.0}, advice) for watch in design.watches if watch.hunts]
     if design.safe_gain is not None and not found:
         found.append(Finding(
             "note", "limit-cycle",

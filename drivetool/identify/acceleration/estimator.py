@@ -217,8 +217,8 @@ def as_drive_parameters(found: Estimate, drive: Drive, rigid: RigidDrive) -> Est
                             "ratio; a record of the motor alone identifies its inertia.")
     if "motor.coulomb" in lines:  # that of the other bodies would count twice
         values |= {n: 0.0 for n in names_of(drive.bodies[1:], "coulomb") if drive.values.get(n)}
-    has_interval = {n: line.std is not None for n, line in lines.items()}
-    covariance = _covariance(found.covariance, {n: rigid.names[n] for n in has_interval if has_interval[n]}, rigid)
+    own = {n: line.name for n, line in lines.items() if line.std is not None}
+    covariance = _covariance(found.covariance, own, rigid)
     texts = sorted(rigid.names.items()) if len(drive.bodies) > 1 else []
 
     def named(text: str) -> str:

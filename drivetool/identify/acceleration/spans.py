@@ -4,14 +4,14 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from itertools import pairwise
+from itertools import accumulate, pairwise
 
 import numpy as np
 from scipy import stats
 
 from drivetool.errors import BadRecording, NotEnoughData
 from drivetool.identify.plateaus import block_means, speed_of, steady_intervals
-from drivetool.logs import Experiment
+from drivetool.logs import Experiment, true_runs
 
 # Of a span: in each the speed is a straight line except for oscillation; a curvature leaves 1/625 of itself.
 SPAN_PIECES = 25
@@ -125,15 +125,10 @@ def turns_both_ways(spans: Sequence[Span]) -> bool:
 
 def block_averages_of_spans(experiment: Experiment, spans: Sequence[Span], length: int) -> Experiment:
     """The recording with the spans as its only stretches and the motor alone, as means over blocks of samples."""
-    signals: dict[str, list[np.ndarray]] = {role: [] for role in ("motor_torque", "motor_speed", "motor_angle")
-                                            if role in experiment.signals}
-    edges = [0]
-    for s in spans:
-        for role, parts in signals.items():
-            parts.append(block_means(experiment.signals[role][s.first:s.last], length))
-        edges.append(edges[-1] + (s.last - s.first) // length)
-    return replace(experiment, step=experiment.step * length, others=(), begins=False,
-                   signals={role: np.concatenate(parts) for role, parts in signals.items()},
+    signals = {role: np.concatenate([block_means(experiment.signals[role][s.first:s.last], length) for s in spans])
+               for role in ("motor_torque", "motor_speed", "motor_angle") if role in experiment.signals}
+    edges = accumulate(((s.last - s.first) // length for s in spans), initial=0)
+    return replace(experiment, step=experiment.step * length, others=(), begins=False, signals=signals,
                    segments=tuple(pairwise(edges)))
 
 
@@ -179,8 +174,7 @@ def _one_direction_parts(speed: np.ndarray, first: int, last: int) -> list[tuple
     """The parts of an interval before and after the motion reverses, without the standstill between them."""
     part = speed[first:last]
     slow = np.abs(part) <= MIN_SPEED_CHANGE * np.nanmax(np.abs(part), initial=0.0)  # a missing value is not slow
-    edges = np.flatnonzero(np.diff(np.concatenate([[1], slow.astype(np.int8), [1]]))).reshape(-1, 2)
-    return [(first + int(a), first + int(b)) for a, b in edges]
+    return [(first + int(a), first + int(b)) for a, b in true_runs(~slow)]
 
 
 def _fit_line(speed: np.ndarray, step: float) -> tuple[float, float, float]:

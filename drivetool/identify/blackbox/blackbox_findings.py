@@ -15,22 +15,12 @@ from drivetool.identify.fit import free_run, opened_gap_findings, with_closed_ga
 from drivetool.identify.setup import Outcome, Task, reverses
 from drivetool.quantity import quantity_of
 
-# Log likelihood that the shaft must gain over one rigid body. Chance gains 6 on average and at most
-# 16 in 360 records of mere noise; the resonance of a 2 s record in heavy noise gains 28 and more.
-MIN_BLACKBOX_SHAFT_GAIN = 20.0
 # Standard deviations, and share of the value by the parameters, of the conversion error. A choice: both, since in a
 # long record a significant error may be small, and in a short one a large error may be noise.
 CONVERSION_ERROR_STDS, CONVERSION_ERROR_SHARE = 4.0, 0.1
 BINS_PER_DECADE = 12  # a choice: a bin of 21 % width is narrower than the band of 1.3 about the resonance
 RECORDING_ADVICE = ("Record sudden torque steps upward from a constant speed, as large as the drive allows, "
                     "several oscillation periods apart.")
-
-
-def why_no_shaft(gain: float) -> str:
-    """Why the shaft is not identifiable, in words; empty if it is."""
-    if gain >= MIN_BLACKBOX_SHAFT_GAIN:
-        return ""
-    return "the oscillation of the shaft is not significant: one rigid body explains the record as well"
 
 
 def blackbox_findings(task: Task, lines: Sequence[Parameter], lack: tuple[str, ...], details: Mapping,

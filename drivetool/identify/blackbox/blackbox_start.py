@@ -74,12 +74,12 @@ class StartRegression:
 
     def _mode(self, pole: complex) -> np.ndarray:
         """(n, columns) responses of a complex pole: to the inputs, then to the start states."""
-        forced, free = [], []
+        forced = []
         for t in self.traces:
             step = np.exp(pole * t.step)
             gain = (step - 1.0) / pole
             x = lfilter([0.0, gain], [1.0, -step], t.inputs.astype(complex), axis=0)
-            forced.append(np.column_stack([x.real, x.imag]))
+            forced.append(_real_and_imaginary(x))
         free = self._per_trace(lambda t: _real_and_imaginary(np.exp(pole * t.step * np.arange(t.size))))
         return np.column_stack([np.concatenate(forced), free])[self.known]
 

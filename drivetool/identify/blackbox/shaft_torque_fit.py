@@ -26,7 +26,7 @@ from drivetool.logs import Experiment
 from drivetool.quantity import name_of, names_of, owner_of, quantity_of
 
 # Findings of the fit to the speed alone that those of the fit to both replace.
-REPLACED_CODES = ("innovations-correlated", "torque-source", "torque-source", "not-identifiable",
+REPLACED_CODES = ("innovations-correlated", "torque-source", "not-identifiable",
             "negative-estimate", "simulation-criterion")
 
 
@@ -44,13 +44,13 @@ def with_shaft_torque(estimate: Estimate, experiments: Sequence[Experiment], dri
         return estimate
     shut = {name_of(s, "half_gap"): 0.0 for s in drive.shafts}
     initial = with_friction_parts(replace(estimate.drive, values=estimate.drive.values | shut))
-    frictions = ("total.viscous", *_body_parameters(drive, "viscous"))
+    frictions = ("total.viscous", *names_of(drive.bodies, "viscous"))
     given = any(n in drive.values or n in options.hold for n in frictions)
     known = given and not {ALL, *frictions} & set(options.free)
     names = {n for n in initial.quantities if quantity_of(n) in ("inertia", "stiffness", "damping")
              and owner_of(n) in (*initial.bodies, *initial.shafts)}
-    names |= set() if known else set(_body_parameters(initial, "viscous"))
-    names |= set() if "total.idle_torque" in options.hold else set(_body_parameters(initial, "idle_torque"))
+    names |= set() if known else set(names_of(initial.bodies, "viscous"))
+    names |= set() if "total.idle_torque" in options.hold else set(names_of(initial.bodies, "idle_torque"))
     free = tuple(n for n in initial.quantities if n in names and n not in options.hold)
     task = Task(initial, free, roles, tuple(experiments))
     if options.criterion == "simulation":
@@ -70,7 +70,3 @@ def with_shaft_torque(estimate: Estimate, experiments: Sequence[Experiment], dri
         details={**estimate.details, **found.details},
         fit={**found.fit, "speed_alone_fit_percent": estimate.fit["simulation_fit_percent"]},
         exhibits=(*found.exhibits, *(e for e in estimate.exhibits if e.kind != "record")))
-
-
-def _body_parameters(drive: Drive, suffix: str) -> list[str]:
-    return names_of(drive.bodies, suffix)

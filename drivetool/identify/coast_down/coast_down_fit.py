@@ -234,11 +234,16 @@ def _solve(problems: Sequence[Problem], readings: Sequence[Reading], values: np.
     known = [names.index(n) for n in prior.names]
     white = np.linalg.inv(np.linalg.cholesky(prior.covariance)) if known else np.empty((0, 0))
 
+    def starts_at(x: np.ndarray) -> list[np.ndarray]:
+        found = [start.copy() for start in starts]
+        for begin, own, a, b in zip(found, free_start, ends[:-1], ends[1:], strict=True):
+            begin[own] = x[a:b]
+        return found
+
     def parts(x: np.ndarray) -> tuple[list[np.ndarray], np.ndarray]:
         residuals, rows = [], []
-        for p, r, start, own, a, b in zip(problems, readings, starts, free_start, ends[:-1], ends[1:], strict=True):
-            begin = start.copy()
-            begin[own] = x[a:b]
+        for p, r, begin, own, a, b in zip(
+                problems, readings, starts_at(x), free_start, ends[:-1], ends[1:], strict=True):
             plant, at = p.plants(x[:k], True)[0], r.known
             out, slopes = plant.jacobian(p.traces[0], begin)
             bounded = (np.all(np.abs(slopes[:, 0][:, plant.system.nq + own]) < MAX_START_DERIVATIVE, axis=1)
@@ -271,12 +276,7 @@ def _solve(problems: Sequence[Problem], readings: Sequence[Reading], values: np.
                           (low, high), "dogbox", x_scale="jac", ftol=1e-12, xtol=1e-12, gtol=1e-12,
                           max_nfev=MAX_SOLVER_STEPS).x
     residuals, rows = at(found)
-    ended = []
-    for start, own, a, b in zip(starts, free_start, ends[:-1], ends[1:], strict=True):
-        begin = start.copy()
-        begin[own] = found[a:b]
-        ended.append(begin)
-    return found[:k], ended, rows, residuals[:len(problems)]
+    return found[:k], starts_at(found), rows, residuals[:len(problems)]
 
 
 def _covariances(rows: np.ndarray, residuals: np.ndarray, k: int) -> tuple[np.ndarray, np.ndarray]:

@@ -220,12 +220,11 @@ def _speeds_and_rates(run: Run) -> tuple[np.ndarray, np.ndarray]:
     at = r.known
     ends = np.unique(at[np.linspace(0, len(at) - 1, min(MEAN_SPEED_PARTS, len(at) // 2) + 1).round().astype(int)])
     time = ends * r.step
+    middle = 0.5 * (time[1:] + time[:-1])
     if r.role == "motor_angle":
         speed = np.diff(r.values[ends]) / np.diff(time)
-        middle = 0.5 * (time[1:] + time[:-1])
     else:
         speed = np.array([np.nanmean(r.values[a:b]) for a, b in pairwise(ends)])
-        middle = 0.5 * (time[1:] + time[:-1])
     moves = np.abs(speed) > 0.0
     speed, middle = speed[moves], middle[moves]
     return 0.5 * (speed[1:] + speed[:-1]), np.diff(speed) / np.diff(middle)

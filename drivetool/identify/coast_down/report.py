@@ -57,7 +57,7 @@ def ratio_lines(drive: Drive, free: Sequence[str], fitted: CoastDownFit) -> tupl
     found = []
     inertia = drive.values[INERTIA]
     for i, name in enumerate(free):
-        if name == INERTIA or "{T}" not in drive.quantity(name).unit:
+        if name == INERTIA or "{T}" not in drive.quantity(name).unit or unidentified(name, free, fitted):
             continue
         value, slope = drive.values[name] / inertia, np.zeros(len(free))
         slope[i] = 1.0 / inertia
@@ -65,8 +65,6 @@ def ratio_lines(drive: Drive, free: Sequence[str], fitted: CoastDownFit) -> tupl
             slope[free.index(INERTIA)] = -value / inertia
         variances = fitted.covariance[np.ix_(slope != 0.0, slope != 0.0)]
         std = float(np.sqrt(max(slope[slope != 0.0] @ variances @ slope[slope != 0.0], 0.0)))
-        if unidentified(name, free, fitted):
-            continue
         found.append(Parameter(name=ratio_name(name), value=value, unit=ratio_unit(drive, name)).with_interval(
             std, (drive.quantity(name).bounds[0], np.inf)))
     return tuple(found)
@@ -178,8 +176,8 @@ def _covariance_by_added_inertia(
     names  of the recordings of the coast-downs; scatter: of a friction, over its mean
     """
     found, own = np.zeros((len(free), len(free))), drive.values[INERTIA]
-    added = [n for n in drive.values if quantity_of(n) == "added_inertia" and record_of(n)]
-    for name in [n for n in added if n in free or drive.value(n)]:
+    for name in [n for n in drive.values if quantity_of(n) == "added_inertia" and record_of(n)
+                 and (n in free or drive.value(n))]:
         size, on = drive.values[name], sum(n == record_of(name) for n in names)
         if not 0 < on < len(names):
             continue
@@ -269,9 +267,8 @@ def _missing_law_finding(fitted: CoastDownFit, further: AdditionalFrictionLaw | 
     gain, options = further.gain, " ".join(f"--free {n}" for n in further.names)
     words = " or ".join(" with ".join(LAW_TEXTS[law] for law in laws) for laws in further.laws)
     text += (f"{words[0].upper()}{words[1:]} explains "
-             f"{'it' if further.misfit >= MISFIT_SIGNIFICANCE else 'part of it'}")
-    text += (f". On another coast-down from the same speed the simulation errs by {gain.percent:.3g} % less "
-             f"({gain.low:.3g} to {gain.high:.3g} %).")
+             f"{'it' if further.misfit >= MISFIT_SIGNIFICANCE else 'part of it'}. On another coast-down from the "
+             f"same speed the simulation errs by {gain.percent:.3g} % less ({gain.low:.3g} to {gain.high:.3g} %).")
     evidence |= {"law": " ".join(further.laws[0]), "gain_percent": gain.percent, "gain_low": gain.low,
                  "gain_high": gain.high}
     return Finding("warning", "nonlinear-friction", text, evidence,
@@ -297,10 +294,9 @@ def coast_down_plots(experiments: Sequence[Experiment], stretches: Sequence[Stre
              drive: Drive) -> tuple[PlotData, ...]:
     """The residual over the speed, and the recordings with the coast-downs marked, simulated, and their errors."""
     plots = [_residual_plot(fitted, drive)]
-    errors = np.split(fitted.weighted_residuals, np.cumsum([len(speed) for speed in fitted.speeds])[:-1])
     for k, e in enumerate(experiments):
         own = [(s, s.first + reading.known, speed, error) for s, reading, speed, error in zip(
-            stretches, fitted.readings, fitted.speeds, errors, strict=True) if s.recording == k]
+            stretches, fitted.readings, fitted.speeds, fitted.by_run, strict=True) if s.recording == k]
         simulated, error = curves = np.full((2, e.size), np.nan)
         for s, at, *of_readings in own:
             inside = np.arange(s.first, s.last)

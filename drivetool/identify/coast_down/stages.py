@@ -155,7 +155,7 @@ def _fit_stages(drive: Drive, stages: Sequence[Stage], prior: Prior) -> tuple[Dr
     loss = 0.0
     for stage in stages:
         found = fit(drive, stage.free, stage.runs, prior.of(stage.free))
-        drive = drive.with_values(dict(zip(stage.free, map(float, found.values), strict=True)))
+        drive = drive.with_values(found.found)
         loss += found.deviance
     return drive, loss
 

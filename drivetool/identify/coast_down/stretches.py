@@ -11,7 +11,7 @@ import numpy as np
 from drivetool.errors import BadRecording, NotEnoughData
 from drivetool.identify.plateaus import block_means, speed_of
 from drivetool.identify.setup import supply_of, white_std
-from drivetool.logs import Experiment
+from drivetool.logs import Experiment, true_runs
 from drivetool.logs.samples import MAD_PER_STD, quantisation_step
 
 # Standard deviations of the torque's white noise: chance exceeds them once in a million samples.
@@ -119,8 +119,7 @@ def _stretches_of_record(number: int, experiment: Experiment, decay: float) -> l
 def _on_and_off(torque: np.ndarray) -> list[tuple[int, int, bool]]:
     """(first, last + 1, off) of the parts of a torque (n,), off for MIN_COAST_DOWN_SAMPLES samples or more."""
     off = np.abs(torque) <= OFF_TORQUE_STDS * _white_torque_std(torque)
-    edges = np.flatnonzero(np.diff(np.concatenate([[0], off.astype(int), [0]]))).reshape(-1, 2)
-    for first, last in edges:
+    for first, last in true_runs(off):
         off[first:last] = last - first >= MIN_COAST_DOWN_SAMPLES
     ends = np.flatnonzero(np.diff(np.concatenate([[2], off.astype(int), [2]])))
     return [(int(first), int(last), bool(off[first])) for first, last in pairwise(ends)]

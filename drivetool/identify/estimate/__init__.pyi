@@ -12,6 +12,7 @@ from .estimate import (
     HeatMap as HeatMap,
     Parameter as Parameter,
     PlotData as PlotData,
+    std_by_gradient as std_by_gradient,
     without_intervals as without_intervals,
 )
 from .interval_and_status import (

@@ -93,6 +93,15 @@ class Covariance:
         return self.part(n for n in self.names if n not in names)
 
 
+def std_by_gradient(gradient: np.ndarray, matrix: np.ndarray) -> float | None:
+    """Standard deviation of a figure by its gradient (k,) over parameters with a covariance (k, k).
+
+    None where that has no value, or the figure does not depend on them.
+    """
+    variance = float(gradient @ matrix @ gradient)
+    return float(np.sqrt(variance)) if np.isfinite(variance) and variance > 0.0 else None
+
+
 @dataclass(frozen=True)
 class HeatMap:
     """Values over two axes.

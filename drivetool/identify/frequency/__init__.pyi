@@ -3,7 +3,6 @@ from .estimator import (
     SpectraOptions as SpectraOptions,
     output_role as output_role,
     reference_of as reference_of,
-    response_of as response_of,
     spectra as spectra,
     stretches_of as stretches_of,
 )

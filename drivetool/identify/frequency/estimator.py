@@ -14,7 +14,7 @@ from drivetool.identify.frequency.frf import ESTIMATORS, Response, Welch, welch_
 from drivetool.identify.frequency.periodic import Lines, distortions, lines_of, period_of, periodic_response
 from drivetool.identify.frequency.spectra_findings import findings_of, peaks_of, pictures
 from drivetool.identify.frequency.spectrum import Spectrum
-from drivetool.logs import Experiment
+from drivetool.logs import Experiment, true_runs
 
 Method = Literal["auto", "welch", "periodic"]
 METHODS: tuple[Method, ...] = ("auto", "welch", "periodic")
@@ -86,20 +86,14 @@ def spectra(experiments: Sequence[Experiment], options: SpectraOptions) -> Spect
         if not len(found.frequency):
             raise BadOption("excited lines in the band", f"none from {options.band[0]:g} to "
                             f"{options.band[1]:g} Hz", "Widen --band.")
-    levels = distortions(lines) if lines else ()
     loop = feedback_of([s[:, :2] for r in runs for s in r.stretches])
     reference = runs[0].stretches[0].shape[1] > 2
     e = experiments[0]
     unit = f"{e.unit(output.replace('angle', 'speed'))}/{e.unit('motor_torque')}"
     draft = Spectrum(
-        "motor_torque", output, unit, found, tuple(each), _std_over_runs(found, each), levels,
+        "motor_torque", output, unit, found, tuple(each), _std_over_runs(found, each), distortions(lines),
         loop, settings, peaks_of(found), (), tuple(x.source for x in experiments))
     return replace(draft, findings=findings_of(draft, reference), exhibits=pictures(draft))
-
-
-def response_of(experiments: Sequence[Experiment], options: SpectraOptions) -> Response:
-    """Only the response of all runs together: for fits in the frequency domain."""
-    return spectra(experiments, options).mean
 
 
 def output_role(experiments: Sequence[Experiment], wanted: str | None) -> str:
@@ -121,11 +115,9 @@ def stretches_of(e: Experiment, output: str) -> Run:
     if output.endswith("angle"):
         table[1:, 1] = np.diff(table[:, 1]) / e.step
         table[0, 1] = np.nan
-    good, found = np.isfinite(table).all(axis=1), []
-    for first, last in e.segments:
-        part = np.concatenate([[False], good[first:last], [False]]).astype(np.int8)
-        edges = np.flatnonzero(np.diff(part)).reshape(-1, 2)
-        found += [table[first + a: first + b] for a, b in edges if b - a >= 16]
+    good = np.isfinite(table).all(axis=1)
+    found = [table[first + a: first + b] for first, last in e.segments
+             for a, b in true_runs(good[first:last]) if b - a >= 16]
     if not found:
         raise NotEnoughData(f"16 samples in a row with torque and {output} in {e.name}", "fewer",
                             "Choose another sensor, or resample the log.")

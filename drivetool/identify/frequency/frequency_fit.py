@@ -24,6 +24,7 @@ from drivetool.identify.estimate import (
 )
 from drivetool.identify.frequency.estimator import SpectraOptions, spectra
 from drivetool.identify.frequency.frf import Response
+from drivetool.identify.frequency.periodic import smoothed_lines
 from drivetool.identify.frequency.spectrum import Spectrum
 from drivetool.identify.problem import Normal, Point, Solution, solve
 from drivetool.identify.setup import HeldResponse, KnownStart, Options
@@ -138,8 +139,7 @@ def with_residual_variance(r: Response, g: np.ndarray) -> Response:
     weighted by that scatter alone would bias the fit to where the noise happens to be lowest.
     """
     relative = np.abs(r.g - g) ** 2 / np.abs(g) ** 2
-    half = min(CORRELATED_LINES // 2, (len(relative) - 1) // 2)
-    smooth = np.convolve(np.pad(relative, half, mode="edge"), np.full(2 * half + 1, 1.0 / (2 * half + 1)), "valid")
+    smooth = smoothed_lines(relative, CORRELATED_LINES // 2)
     return replace(r, total=smooth * np.abs(g) ** 2 + np.where(np.isfinite(r.noise), r.noise, 0.0))
 
 
@@ -204,8 +204,7 @@ def greybox_by_frequency(experiments: Sequence[Experiment], drive: Drive, free: 
     if good.sum() < len(names) + 2:
         raise NotEnoughData(f"at least {len(names) + 2} excited lines with a coherence above 0.5",
                             f"{int(good.sum())}", "Excite more lines, widen --band, or hold parameters.")
-    r = Response(*(a[good] for a in (r.frequency, r.g, r.noise, r.total, r.coherence)), r.bins, r.averages,
-        r.method)
+    r = r.at(good)
     drive, names = _friction_in_parts(drive, names, output, experiments[0].step, r, options)
     problem, solution = fit_lines(drive, names, output, experiments[0].step, r, options.weighting)
     likely = problem_of(drive, names, output, experiments[0].step, r, "variance")

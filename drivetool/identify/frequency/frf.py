@@ -47,11 +47,14 @@ class Response:
     averages: float
     method: str
 
+    def at(self, lines: np.ndarray) -> Response:
+        """The lines that a mask (n,) names."""
+        return Response(*(a[lines] for a in (self.frequency, self.g, self.noise, self.total, self.coherence)),
+                        self.bins, self.averages, self.method)
+
     def band(self, low: float, high: float) -> Response:
         """The lines from `low` to `high` Hz."""
-        keep = (self.frequency >= low) & (self.frequency <= high)
-        return Response(*(a[keep] for a in (self.frequency, self.g, self.noise, self.total, self.coherence)),
-                        self.bins, self.averages, self.method)
+        return self.at((self.frequency >= low) & (self.frequency <= high))
 
     @property
     def variance(self) -> np.ndarray:

@@ -49,14 +49,10 @@ class Lines:
         return np.arange(1, self.u.shape[1] + 1) / (self.size * self.step)
 
 
-def period_of(x: np.ndarray, max_period: int | None = None) -> int | None:
-    """Samples after which a signal repeats itself; None if it does not.
-
-    x           (n,) excitation
-    max_period  longest period that counts; None: half the record
-    """
+def period_of(x: np.ndarray) -> int | None:
+    """Samples after which a signal (n,) repeats itself, up to half of it; None if it does not."""
     x = x - x.mean()
-    n, max_period = len(x), max_period or len(x) // 2
+    n, max_period = len(x), len(x) // 2
     power = float(x @ x)
     if power == 0.0 or max_period < 4:
         return None
@@ -78,13 +74,12 @@ def period_of(x: np.ndarray, max_period: int | None = None) -> int | None:
     return int(peaks[np.flatnonzero(r[peaks] >= best - 0.02 * (1.0 - MIN_PERIODIC_CORRELATION) - 1e-6)[0]])
 
 
-def lines_of(stretch: np.ndarray, step: float, size: int, skip: int, excited: np.ndarray | None = None,
-             ) -> Lines:
+def lines_of(stretch: np.ndarray, step: float, size: int, skip: int) -> Lines:
     """Whole periods of a stretch as spectra.
 
     stretch  (n, 2) input and output, or (n, 3) with the reference
     size     samples per period; skip: periods at the start that are left out, for the transient
-    excited  lines that are known to be excited; None: those of the reference, else of the input
+    returns  Lines; excited: those of the reference, else of the input
     raises   NotEnoughData: fewer than two periods are left
     """
     count = len(stretch) // size - skip
@@ -100,11 +95,9 @@ def lines_of(stretch: np.ndarray, step: float, size: int, skip: int, excited: np
     spectra = np.fft.rfft(x.reshape(count, size, -1), axis=1)[:, 1: (size - 1) // 2 + 1] / size
     u, y = spectra[..., 0], spectra[..., 1]
     r = spectra[..., 2] if x.shape[1] > 2 else None
-    if excited is None:
-        excited = excited_lines(u if r is None else r)
     # Where either is zero, as of a sensor at rest, there is no ratio of scatter and mean.
     there = (np.abs(u.mean(axis=0)) ** 2 > 0.0) & (np.abs(y.mean(axis=0)) ** 2 > 0.0)
-    return Lines(u, y, r, step, size, excited & there)
+    return Lines(u, y, r, step, size, excited_lines(u if r is None else r) & there)
 
 
 def _drift(x: np.ndarray, size: int) -> np.ndarray:
@@ -181,16 +174,16 @@ def _response_of_run(run: Lines, excited: np.ndarray) -> tuple[np.ndarray, np.nd
     suu, syy = np.sum(np.abs(du) ** 2, axis=0) / scale, np.sum(np.abs(dy) ** 2, axis=0) / scale
     syu = np.sum(dy * np.conj(du), axis=0) / scale
     g = ym / um
-    suu, syy, syu = (_smoothed_lines(a, 2 * int(np.ceil(0.5 * (VARIANCE_VALUES / p - 1.0))) + 1)
-                     for a in (suu, syy, syu))
+    near = min(int(np.ceil(0.5 * (VARIANCE_VALUES / p - 1.0))), MAX_NEIGHBOUR_LINES)
+    suu, syy, syu = (smoothed_lines(a, near) for a in (suu, syy, syu))
     # Noise in the feedback is in input and output: the covariance removes it.
     relative = syy / np.abs(ym) ** 2 + suu / np.abs(um) ** 2 - 2.0 * (syu / (ym * np.conj(um))).real
     return g, np.abs(g) ** 2 * np.maximum(relative, 0.0), syy
 
 
-def _smoothed_lines(x: np.ndarray, width: int) -> np.ndarray:
-    """Mean over an odd number of neighbouring lines, with the ends repeated."""
-    half = max(min(width // 2, MAX_NEIGHBOUR_LINES, (len(x) - 1) // 2), 0)
+def smoothed_lines(x: np.ndarray, near: int) -> np.ndarray:
+    """(n,) mean over each line of (n,) and up to so many neighbours to either side, with the ends repeated."""
+    half = max(min(near, (len(x) - 1) // 2), 0)
     return np.convolve(np.pad(x, half, mode="edge"), np.full(2 * half + 1, 1.0 / (2 * half + 1)), "valid")
 
 

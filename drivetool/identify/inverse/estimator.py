@@ -6,7 +6,7 @@ For motions that are imposed or well known: there the torque responds to the mot
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
 
@@ -29,6 +29,7 @@ from drivetool.identify.inverse.missing_laws import own_parameters_of, solve_wit
 from drivetool.identify.inverse.regression import (
     InverseFit,
     InverseRegression,
+    TorqueProblem,
     first_stage_f,
     in_narrower_band,
     regression_of,
@@ -67,17 +68,6 @@ MIN_UNPREDICTED_POWER = 1e-3
 # Residual over the torque's standard deviation from which the motion explains nothing. A choice: at 0.9 it explains
 # a fifth of the power, no more than a wrong channel may by chance.
 MAX_RESIDUAL_OVER_SD = 0.9
-
-
-@dataclass(frozen=True)
-class RegressionProblem:
-    """The fields of a problem that the table of a regression needs, see `interval_and_status.parameters_of`."""
-
-    names: tuple[str, ...]
-    low: np.ndarray
-    high: np.ndarray
-    count: int
-    unknowns: int
 
 
 def greybox_by_inverse(experiments: Sequence[Experiment], drive: Drive, free: Sequence[str], roles: Roles,
@@ -124,7 +114,9 @@ def greybox_by_inverse(experiments: Sequence[Experiment], drive: Drive, free: Se
             "the inverse model explains none of the torque") for p in lines)
     return estimate_from_fit(
         "greybox", experiments, alone.drive, lines, covariance, outcome=_outcome_sentence(fit, reference),
-        fit=figures, findings=findings, exhibits=exhibits, explanation=_laws_sentence(laws), laws=laws,
+        fit=figures, findings=findings, exhibits=exhibits, laws=laws,
+        explanation=f"{len(laws)} further effect{'s' if len(laws) > 1 else ''} fitted in addition to the drive "
+        "model." if laws else "",
         details={"criterion": "inverse", "outputs": ["motor_torque"], "instruments": reference or "none"})
 
 
@@ -148,13 +140,6 @@ def _found_laws(fit: InverseFit) -> tuple[FoundLaw, ...]:
         found.append(FoundLaw.of(law.name, fit.values[part], std[part]))
         k += law.size
     return tuple(found)
-
-
-def _laws_sentence(laws: Sequence[FoundLaw]) -> str:
-    """The number of laws fitted beside the drive, in words."""
-    if not laws:
-        return ""
-    return f"{len(laws)} further effect{'s' if len(laws) > 1 else ''} fitted in addition to the drive model."
 
 
 def _structural_std(fit: InverseFit, line: np.ndarray, sensor: str, reference: str | None) -> np.ndarray:
@@ -237,13 +222,12 @@ def _parameter_lines(fit: InverseFit, before: Drive, after: Drive, line: np.ndar
 
     held  (n, n) what the uncertainty of held values adds; structure: (k,) standard deviations
     """
-    names, own, k = fit.at.free, fit.at.own, len(fit.at.free)
+    own, k = fit.at.own, len(fit.at.free)
     drive = replace(before, known_torques=fit.at.drive.known_torques)
     x, z, r = (np.concatenate([getattr(q, n) for q in fit.rows]) for n in ("slopes", "instruments", "residual"))
     # The projection of the slopes on the instruments; without instruments the slopes themselves.
     seen = z @ np.linalg.lstsq(z, x, rcond=1e-12)[0] if k else x
-    low, high = (np.array([drive.quantity(n).bounds[i] for n in names]) for i in (0, 1))
-    problem = RegressionProblem(names, low, high, int(np.count_nonzero(x.any(axis=1))), k)
+    problem = TorqueProblem(fit.at, int(np.count_nonzero(x.any(axis=1))))
     normal = Normal(seen.T @ seen, (), (), -seen.T @ r, (), float(r @ r))
     solution = Solution(Point(fit.values, ()), normal, fit.steps, fit.converged)
     plain, off_bound = covariance_of(problem, solution)[0], fit.inverse.any(axis=1)

@@ -236,11 +236,9 @@ def solve_inverse(record: InverseRegression) -> InverseFit:
         nonlinear = np.array([_is_nonlinear(record, rows, values, problem, one)
                               for one in np.eye(len(values), dtype=bool)])
     change, inverse = _bounded_change(rows, values, problem, nonlinear)
-    there, steps, converged = record.at(np.clip(values + change, problem.low, problem.high)), 1, True
-    if problem.rows(there) is None:  # the simulation diverges there
-        converged = False
-    else:
-        record = there
+    there, steps = record.at(np.clip(values + change, problem.low, problem.high)), 1
+    converged = problem.rows(there) is not None  # else the simulation diverges there
+    record = there if converged else record
     if nonlinear.any():
         values = np.array([record.drive.value(n) for n in record.free], float)
         solution = solve(replace(problem, record=record), Point(values, ()),
@@ -274,7 +272,8 @@ def _is_nonlinear(record: InverseRegression, rows: Sequence[Rows], values: np.nd
 class TorqueProblem:
     """The fit as a problem for `least_squares.solve`: of the residual, or of its projection on the instruments.
 
-    count  samples used at the start: at values where fewer are, the chain diverges, and the cost is infinite
+    count  samples that are used. While fitting, those at the start: at values where fewer are, the chain diverges,
+           and the cost is infinite
     """
 
     record: InverseRegression
@@ -284,6 +283,11 @@ class TorqueProblem:
     def names(self) -> tuple[str, ...]:
         """The free parameters."""
         return self.record.free
+
+    @property
+    def unknowns(self) -> int:
+        """Free parameters."""
+        return len(self.names)
 
     @property
     def low(self) -> np.ndarray:
@@ -357,13 +361,13 @@ def _orthonormal_basis(columns: np.ndarray) -> np.ndarray:
 
 
 def _bounded_change(rows: Sequence[Rows], values: np.ndarray, problem: TorqueProblem,
-            held: np.ndarray | None = None) -> tuple[np.ndarray, np.ndarray]:
+            held: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """((k,) change, (k, k) inverse); a parameter that would leave its bounds is set on them and held.
 
-    stays  (k,) parameters that do not move at all
+    held  (k,) parameters that do not move at all
     """
     k, low, high = len(values), problem.low, problem.high
-    change, moves = np.zeros(k), np.ones(k, bool) if held is None else ~held
+    change, moves = np.zeros(k), ~held
     while True:
         i = np.flatnonzero(moves)
         part = [_columns_of(replace(r, residual=r.residual - r.slopes[:, ~moves] @ change[~moves]), i)

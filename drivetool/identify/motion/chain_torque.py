@@ -7,7 +7,7 @@ simulation kernel can be used, with its gaps, its stiction and its sensitivities
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
 
@@ -36,12 +36,12 @@ def torque_of_chain(drive: Drive, free: tuple[str, ...], e: Experiment, motion: 
     own = tuple(n for n in free if owner_of(n) != drive.bodies[0])
     columns = [free.index(n) for n in own]
     value, slopes = np.full(e.size, np.nan), np.zeros((e.size, len(free)))
-    for part, run in _runs(drive, own, e, motion, inputs):
+    for part, plant, trace, start in _runs(drive, own, e, motion, inputs):
         if own:
-            out, jacobian = run.plant.jacobian(run.trace, run.start)
+            out, jacobian = plant.jacobian(trace, start)
             slopes[part, columns] = _interval_mean(jacobian[:, 0, :len(own)])
         else:
-            out = run.plant.outputs(run.trace, run.start)
+            out = plant.outputs(trace, start)
         value[part] = _interval_mean(out[:, 0])
     name = name_of(drive.shafts[0], "ratio")
     ratio = drive.value(name)
@@ -53,27 +53,18 @@ def torque_of_chain(drive: Drive, free: tuple[str, ...], e: Experiment, motion: 
 def initial_transient(drive: Drive, e: Experiment, motion: Motion, inputs: Mapping[str, np.ndarray]) -> np.ndarray:
     """(n,) whether a sample is in the chain's initial transient, by the sensitivity of the first shaft's torque."""
     found = np.zeros(e.size, bool)
-    for part, run in _runs(drive, (), e, motion, inputs):
-        _, jacobian = run.plant.jacobian(run.trace, run.start)
-        twist = run.plant.system.nq + len(drive.bodies)
+    for part, plant, trace, start in _runs(drive, (), e, motion, inputs):
+        _, jacobian = plant.jacobian(trace, start)
+        twist = plant.system.nq + len(drive.bodies)
         shows = np.flatnonzero(np.abs(
             jacobian[:, 0, twist]) > TRANSIENT_THRESHOLD * drive.values[name_of(drive.shafts[0], "stiffness")])
         found[part.start:part.start + (shows[-1] + 1 if len(shows) else 0)] = True
     return found
 
 
-@dataclass(frozen=True)
-class _Run:
-    """A stretch of a record as the kernel simulates it."""
-
-    plant: Plant
-    trace: Trace
-    start: np.ndarray
-
-
 def _runs(drive: Drive, own: tuple[str, ...], e: Experiment, motion: Motion,
-          inputs: Mapping[str, np.ndarray]) -> Iterator[tuple[slice, _Run]]:
-    """Each stretch with a known motion."""
+          inputs: Mapping[str, np.ndarray]) -> Iterator[tuple[slice, Plant, Trace, np.ndarray]]:
+    """(samples, plant, trace, start state) of each stretch with a known motion, as the kernel simulates it."""
     motor, moved = drive.bodies[0], _with_imposed_motion(drive)
     roles = Roles(("motor_torque", *inputs), ("shaft_torque",))
     plant = plant_of(moved, Layout(own, roles.inputs, roles.outputs, e.step))
@@ -87,7 +78,7 @@ def _runs(drive: Drive, own: tuple[str, ...], e: Experiment, motion: Motion,
         trace = Trace(np.column_stack(torques), np.zeros((last - first, 1)), e.step, e.name,
                       e.offset + first * e.step, e.number,
                       start={f"{motor}.speed": speed, "angle": motion.angle[first]})
-        yield part, _Run(plant, trace, first_states(moved, roles, [trace], own)[0])
+        yield part, plant, trace, first_states(moved, roles, [trace], own)[0]
 
 
 def _with_imposed_motion(drive: Drive) -> Drive:

@@ -11,7 +11,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from drivetool.errors import NotEnoughData
-from drivetool.logs import Experiment, group_by_rate
+from drivetool.logs import Experiment, group_by_rate, true_runs
 from drivetool.logs.samples import MAX_BRIDGED_SAMPLES, low_pass
 
 # Sensor noise in the acceleration lowers the inertia of a regression by its share of the acceleration's power.
@@ -141,13 +141,8 @@ def _noise_level(experiments: Sequence[Experiment], role: str, is_angle: bool) -
 
 def _runs(experiments: Sequence[Experiment], role: str) -> list[np.ndarray]:
     """Uninterrupted runs of at least 50 values of a sensor."""
-    runs = []
-    for e in experiments:
-        for first, last in e.segments:
-            known = np.flatnonzero(np.isfinite(e.signals[role][first:last])) + first
-            runs += [e.signals[role][part[0]:part[-1] + 1] for part in
-                     np.split(known, np.flatnonzero(np.diff(known) > 1) + 1) if len(part) >= 50]
-    return runs
+    return [e.signals[role][first + a:first + b] for e in experiments for first, last in e.segments
+            for a, b in true_runs(np.isfinite(e.signals[role][first:last])) if b - a >= 50]
 
 
 def motion_of(experiment: Experiment, role: str, smoothing: Smoothing, top: float) -> Motion:

@@ -28,6 +28,7 @@ from collections.abc import Iterable, Sequence
 import numpy as np
 from scipy.signal import lfilter
 
+from drivetool.logs import true_runs
 from drivetool.logs.samples import MAD_PER_STD
 
 L1, L2, L3 = 0.3, 0.2, 0.2  # filter constants l1, l2, l3, as in Cao & Rhinehart (1995)
@@ -133,10 +134,8 @@ def _intervals_in_segment(signals: Sequence[np.ndarray], segment: tuple[int, int
             return []
         filled = np.interp(np.arange(len(means)), np.flatnonzero(known), means[known])
         steady &= is_steady(filled, MIN_CHANGE_SHARE * width)
-    edges = np.flatnonzero(np.diff(np.concatenate([[0], steady.astype(np.int8), [0]]))).reshape(-1, 2)
     return [(first + int(a + STATISTIC_DELAY_BLOCKS) * length, first + int(b - STATISTIC_DELAY_BLOCKS) * length)
-            for a, b in edges
-            if b - a >= MIN_INTERVAL_BLOCKS]
+            for a, b in true_runs(steady) if b - a >= MIN_INTERVAL_BLOCKS]
 
 
 def _time_at_levels(speed: np.ndarray, intervals: Sequence[tuple[int, int]], most: float,

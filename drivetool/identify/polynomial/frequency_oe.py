@@ -64,8 +64,7 @@ def fit_to_response(fit: PemFit, r: Response, step: float, weighting: str) -> tu
     if good.sum() < k + 2:
         raise NotEnoughData(f"at least {k + 2} excited lines with a coherence above 0.5", f"{int(good.sum())}",
                             "Excite more lines, widen --band, or lower --order.")
-    r = Response(*(a[good] for a in (r.frequency, r.g, r.noise, r.total, r.coherence)), r.bins, r.averages,
-        r.method)
+    r = r.at(good)
     model = PolynomialResponse(fit.structure, step, r.frequency)
 
     def problem(kind: str) -> LineProblem:

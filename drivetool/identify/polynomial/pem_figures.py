@@ -6,9 +6,11 @@ Every figure comes with its exact gradient over the coefficients; the std follow
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 
+from drivetool.identify.estimate import std_by_gradient
 from drivetool.identify.polynomial.pem_fit import PemFit
 from drivetool.identify.polynomial.pem_model import Structure
 
@@ -21,10 +23,9 @@ MAX_NYQUIST_SHARE = 0.8  # of the Nyquist frequency, a choice; zeros beyond it c
 class Root:
     """A pole or zero in continuous time, s = ln(z)/step.
 
-    z, s   complex; gradient (k,) complex: of s over the coefficients
+    gradient  (k,) complex: of s over the coefficients
     """
 
-    z: complex
     s: complex
     gradient: np.ndarray
 
@@ -59,7 +60,7 @@ def roots_of(structure: Structure, values: np.ndarray, letter: str, step: float)
             continue
         gradient = np.zeros(len(values), complex)
         gradient[part] = -(x ** np.arange(k - 1, -1, -1)) / below
-        found.append(Root(complex(z), complex(np.log(z + 0j)) / step, gradient * rate / z / step))
+        found.append(Root(complex(np.log(z + 0j)) / step, gradient * rate / z / step))
     return sorted(found, key=lambda r: (abs(r.s), r.s.imag))
 
 
@@ -79,10 +80,7 @@ def pairs_of(roots: list[Root], step: float) -> list[RootPair]:
 
 @dataclass(frozen=True)
 class ModelFigures:
-    """Poles, zeros and pairs of a fitted model, over its covariance.
-
-    unstable  unstable poles that are no integrator, in words; empty if there are none
-    """
+    """Poles, zeros and pairs of a fitted model, over its covariance."""
 
     fit: PemFit
     step: float
@@ -90,12 +88,27 @@ class ModelFigures:
     zeros: list[Root]
     resonances: list[RootPair]
     notches: list[RootPair]
-    unstable: str
+
+    @cached_property
+    def unstable(self) -> str:
+        """Unstable poles, in words; empty if there are none.
+
+        A real one that is not distinguishable from an integrator does not count.
+        """
+        bad, longest = [], max(len(d.y) for d in self.fit.problem.stretches) * self.step
+        for r in self.poles:
+            if r.s.real <= 0.0:
+                continue
+            std = self.std(r.gradient.real)
+            slow = abs(r.s.imag) == 0.0 and r.s.real * longest < 0.5
+            if slow and (std is None or r.s.real < 3.0 * std or r.s.real * longest < 0.05):
+                continue
+            bad.append(f"{r.s.real:.3g}{r.s.imag:+.3g}j" if r.s.imag else f"{r.s.real:.3g}")
+        return ", ".join(bad)
 
     def std(self, gradient: np.ndarray) -> float | None:
         """By the delta method; None where the covariance has no value."""
-        variance = float(gradient @ self.fit.covariance @ gradient)
-        return float(np.sqrt(variance)) if np.isfinite(variance) and variance > 0.0 else None
+        return std_by_gradient(gradient, self.fit.covariance)
 
     def pair(self, p: RootPair) -> dict[str, object]:
         """A pair as plain numbers."""
@@ -129,23 +142,7 @@ class ModelFigures:
 
 
 def figures_of(fit: PemFit, step: float) -> ModelFigures:
-    """Poles, zeros, pairs; and whether the model can be simulated."""
+    """Poles, zeros and pairs of a fit."""
     s, values = fit.structure, fit.values
     poles, zeros = roots_of(s, values, s.dynamics, step), roots_of(s, values, "B", step)
-    draft = ModelFigures(fit, step, poles, zeros, pairs_of(poles, step), pairs_of(zeros, step), "")
-    longest = max(len(d.y) for d in fit.problem.stretches) * step
-    return ModelFigures(fit, step, poles, zeros, draft.resonances, draft.notches, _unstable_poles(draft, longest))
-
-
-def _unstable_poles(f: ModelFigures, longest: float) -> str:
-    """Unstable poles. A real one that is not distinguishable from an integrator does not count."""
-    bad = []
-    for r in f.poles:
-        if r.s.real <= 0.0:
-            continue
-        std = f.std(r.gradient.real)
-        slow = abs(r.s.imag) == 0.0 and r.s.real * longest < 0.5
-        if slow and (std is None or r.s.real < 3.0 * std or r.s.real * longest < 0.05):
-            continue
-        bad.append(f"{r.s.real:.3g}{r.s.imag:+.3g}j" if r.s.imag else f"{r.s.real:.3g}")
-    return ", ".join(bad)
+    return ModelFigures(fit, step, poles, zeros, pairs_of(poles, step), pairs_of(zeros, step))

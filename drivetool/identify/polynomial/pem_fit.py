@@ -134,12 +134,11 @@ def _fit_with_noise_model(problem: Prediction, solution: Solution,
     trials = [np.zeros(structure.size("C"))]
     if structure.kind == "innovations":
         base, table = structure.basis("C")
-        trials = []
         # Poles of the predictor, from output error towards dead beat; and those fitted to the start's errors.
         firsts = [np.poly(pull * _stable(np.roots(structure.polynomial("A", values)))) for pull in (1.0, 0.9, 0.7,
             0.3)]
-        for c in [*firsts, _moving_average(problem, solution)]:
-            trials.append(np.linalg.lstsq(table, c.real - base, rcond=None)[0])
+        trials = [np.linalg.lstsq(table, c.real - base, rcond=None)[0]
+                  for c in (*firsts, _moving_average(problem, solution))]
     found, trial_iterations = [], 12 if len(trials) > 1 else MAX_DESCENT_ITERATIONS
     for trial in trials:
         values = values.copy()

@@ -161,11 +161,6 @@ class Prediction:
         return self.structure.order + 1
 
     @cached_property
-    def bases(self) -> dict[str, np.ndarray]:
-        """Letter -> T of its basis."""
-        return {p: self.structure.basis(p)[1] for p in POLYNOMIALS[self.structure.kind]}
-
-    @cached_property
     def heads(self) -> np.ndarray:
         """(order, order) from start values to the pulses that they represent.
 
@@ -215,8 +210,8 @@ class Prediction:
         if self.held is not None and self.held.all():
             columns = [np.zeros((n, len(self.names)))]  # only the start values are wanted, at a third of the cost
         else:
-            columns = [_delayed_columns(base[letter](), len(self.bases[letter])) @ self.bases[letter]
-                       for letter in kind]
+            columns = [_delayed_columns(base[letter](), len(table)) @ table
+                       for letter in kind for _, table in (self.structure.basis(letter),)]
         columns.append(-_delayed_columns(through(_padded(np.ones(1), n)), self.own - 1) @ self.heads)
         columns.append(through(lfilter(p["B"], [1.0], np.ones(n)))[:, None])
         return e, np.hstack(columns)

@@ -18,12 +18,6 @@ DIFFERENCE_STEP_STDS = 0.05  # of a standard deviation, for differences; a choic
 MAX_RESTRICTED_SHIFT = 1.0
 
 
-def noise_columns(problem: Prediction) -> np.ndarray:
-    """Which coefficients describe the noise alone."""
-    s, k = problem.structure, len(problem.names)
-    return np.concatenate([np.arange(k)[s.part(letter)] for letter in "CD"])
-
-
 def restricted_shift(problem: Prediction, point: Point, covariance: np.ndarray) -> np.ndarray:
     """(k,) from the maximum of the likelihood to that of the restricted one.
 
@@ -32,7 +26,7 @@ def restricted_shift(problem: Prediction, point: Point, covariance: np.ndarray) 
     source      Harville 1977 (restricted likelihood); one Newton step: the Hessian's inverse is the
                 covariance, and the determinant's gradient is over the noise coefficients only
     """
-    noise = noise_columns(problem)
+    noise = np.concatenate([np.arange(len(problem.names))[problem.structure.part(letter)] for letter in "CD"])
     std = np.sqrt(np.diag(covariance)[noise])
     if not len(noise) or not np.all(np.isfinite(covariance)) or not np.all(std > 0.0):
         return np.zeros(len(problem.names))

@@ -12,14 +12,22 @@ from dataclasses import replace
 
 import numpy as np
 
-from drivetool.drive import TOTALS, Drive, state_space
-from drivetool.identify.estimate import Z95_ONE_SIDED, Covariance, Parameter, held_line, line_of, whole_table
+from drivetool.drive import TOTALS, Drive, chain_alone, state_space
+from drivetool.identify.estimate import (
+    Z95_ONE_SIDED,
+    Covariance,
+    Parameter,
+    held_line,
+    line_of,
+    std_by_gradient,
+    whole_table,
+)
 from drivetool.identify.frequency import LineProblem
 from drivetool.identify.polynomial.cauer import chain_of
 from drivetool.identify.polynomial.pem_figures import MAX_RINGING_DAMPING, ModelFigures
 from drivetool.identify.problem import Point, solve
 from drivetool.identify.setup import HeldResponse
-from drivetool.quantity import name_of, names_of, owner_of
+from drivetool.quantity import name_of, names_of
 
 # Frequencies at which responses are compared, a choice: several per parameter of a chain of four bodies.
 RESPONSE_POINTS = 60
@@ -54,18 +62,17 @@ def undamped_start_values(drive: Drive, f: ModelFigures) -> dict[str, float]:
             found[name_of(shaft, "stiffness")] = stiffnesses[i - 1] * square
             found[name_of(shaft, "damping")] = 2.0 * max(pair.damping,
                                                          0.0) / pair.rad_s * found[name_of(shaft, "stiffness")]
-        name, value = _inertia_or_carried_mass(drive, body, inertias[i] * square)
-        found[name] = value
+        found |= _inertia_or_carried_mass(drive, body, inertias[i] * square)
         found[name_of(body, "viscous")] = max(pole, 0.0) * inertias[i] * square
     return found
 
 
-def _inertia_or_carried_mass(drive: Drive, body: str, inertia: float) -> tuple[str, float]:
-    """(name, value) of the parameter that sets an inertia: the mass that a body carries, else its own inertia."""
+def _inertia_or_carried_mass(drive: Drive, body: str, inertia: float) -> dict[str, float]:
+    """Name -> value of the parameter that sets an inertia: the mass that a body carries, else its own inertia."""
     if not drive.value(name_of(body, "carried_mass")):
-        return name_of(body, "inertia"), inertia
+        return {name_of(body, "inertia"): inertia}
     radius, own = drive.value(name_of(body, "radius")), drive.value(name_of(body, "inertia")) or 0.0
-    return name_of(body, "carried_mass"), max(inertia - own, 0.01 * inertia) / radius**2
+    return {name_of(body, "carried_mass"): max(inertia - own, 0.01 * inertia) / radius**2}
 
 
 def conversion(drive: Drive, f: ModelFigures, differenced: int = 0) -> tuple[ChainValues, Covariance | None, str]:
@@ -90,7 +97,8 @@ def conversion(drive: Drive, f: ModelFigures, differenced: int = 0) -> tuple[Cha
     if s.order != 2 * n - 1 or np.sqrt(np.mean(np.abs(r) ** 2)) > MAX_EQUAL_RESPONSE_RMS:
         return {name: (value, None) for name, value in start.items()}, None, ""
     # Both sides as real numbers: the change of the response with the parameters is that with the coefficients.
-    over_parameters, over_coefficients = np.vstack([j.real, j.imag]), _response_slopes(problem, f)
+    over_parameters, over_coefficients = (
+        np.vstack([slopes.real, slopes.imag]) for slopes in (j, f.slopes(problem.model.frequency)[1]))
     size = np.linalg.norm(over_parameters, axis=0)
     table = np.linalg.lstsq(over_parameters / size, over_coefficients, rcond=1e-12)[0] / size[:, None]
     matrix = table @ f.fit.covariance @ table.T
@@ -102,8 +110,7 @@ def conversion(drive: Drive, f: ModelFigures, differenced: int = 0) -> tuple[Cha
 
 def ringing_frequencies(drive: Drive) -> dict[str, float]:
     """|s| of the ringing zeros and poles of the drive in continuous time [rad/s]: notch 1, ..., resonance 1, ..."""
-    mechanical = {n: v for n, v in drive.values.items() if owner_of(n) not in ("converter", "sensor")}
-    a, _, _, _ = state_space(replace(drive, values=mechanical))
+    a, _, _, _ = state_space(chain_alone(drive))
     found = {}
     # The torque enters where the speed is measured: its zeros are the poles with that body held.
     for label, matrix in (("notch", a[1:, 1:]), ("resonance", a)):
@@ -129,12 +136,8 @@ def ringing_frequencies_with_std(drive: Drive, found: Mapping[str, tuple[float, 
         up, down = (ringing_frequencies(replace(plain, values=plain.values | {name: values[name] + x}))
                     for x in (d, -d))
         table[name] = {k: (up.get(k, np.nan) - down.get(k, np.nan)) / (2.0 * d) for k in centre}
-    stds = {}
-    for k in centre:
-        gradient = np.array([table[name][k] for name in covariance.names])
-        variance = float(gradient @ covariance.matrix @ gradient)
-        stds[k] = float(np.sqrt(variance)) if np.isfinite(variance) and variance > 0.0 else None
-    return {k: (w, stds[k]) for k, w in centre.items()}
+    return {k: (w, std_by_gradient(np.array([table[name][k] for name in covariance.names]), covariance.matrix))
+            for k, w in centre.items()}
 
 
 def _response_problem(drive: Drive, names: tuple[str, ...], f: ModelFigures, differenced: int) -> LineProblem:
@@ -146,19 +149,13 @@ def _response_problem(drive: Drive, names: tuple[str, ...], f: ModelFigures, dif
     if differenced:
         w = 2j * np.pi * hz * f.step
         g = g * w / -np.expm1(-w)
-    mechanical = {n: v for n, v in drive.values.items() if owner_of(n) not in ("converter", "sensor")}
-    plain = Drive(drive.name, drive.bodies, drive.shafts, mechanical, drive.torque_unit, drive.motion_unit)
+    plain = Drive(drive.name, drive.bodies, drive.shafts, chain_alone(drive).values, drive.torque_unit,
+                  drive.motion_unit)
     k = len(names)
     return LineProblem(HeldResponse(plain, names, "motor_speed", f.step, hz), g, np.ones(RESPONSE_POINTS), True,
                        1.0,
                        np.full(k, -np.inf), np.full(k, np.inf),
                        np.array([0.3 * abs(plain.values[n]) + 1e-9 for n in names]))
-
-
-def _response_slopes(problem: LineProblem, f: ModelFigures) -> np.ndarray:
-    """(2 RESPONSE_POINTS, k) change of ln G with the coefficients, real parts then imaginary ones."""
-    _, slopes = f.slopes(problem.model.frequency)
-    return np.vstack([slopes.real, slopes.imag])
 
 
 def chain_parameters(drive: Drive, found: Mapping[str, tuple[float, float | None]], hold: Sequence[str] = (),

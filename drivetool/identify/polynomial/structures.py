@@ -14,7 +14,7 @@ import numpy as np
 from drivetool.drive import Drive
 from drivetool.errors import BadOption, NotEnoughData
 from drivetool.identify.estimate import Z95, Estimate, PlotData, estimate_from_fit, fit_percent, record_picture
-from drivetool.identify.frequency import SpectraOptions, response_of
+from drivetool.identify.frequency import SpectraOptions, spectra
 from drivetool.identify.polynomial.data import PolynomialData, data_of
 from drivetool.identify.polynomial.frequency_oe import fit_to_response
 from drivetool.identify.polynomial.pem_figures import ModelFigures, figures_of
@@ -55,29 +55,25 @@ def polynomial_blackbox(experiments: Sequence[Experiment], drive: Drive, options
     data = data_of(experiments)
     _check_changes(data)
     noise = DEFAULT_NOISE_ORDER if options.noise_order is None else options.noise_order
-    table: list[dict] = []
-    order = options.order
-    if order is None:
-        order, table = choose_order(data, kind, noise)
+    order, table = choose_order(data, kind, noise) if options.order is None else (options.order, [])
     fit = fit_structure(data.stretches, Structure(kind, order, noise, data.extra))
     if options.criterion != "frequency":
         return _structure_estimate(experiments, drive, data, figures_of(fit, data.step), table, options.hold)
     if data.extra:
         raise BadOption("a motor speed for a polynomial model in the frequency domain", "an angle",
                         "Log the speed, or use greybox --criterion frequency.")
-    fit, chi = fit_to_response(fit, response_of(experiments, SpectraOptions(band=options.band)), data.step,
+    fit, chi = fit_to_response(fit, spectra(experiments, SpectraOptions(band=options.band)).mean, data.step,
                                 options.weighting)
     estimate = _structure_estimate(experiments, drive, data, figures_of(fit, data.step), table, options.hold)
     return replace(estimate, fit={**estimate.fit, "chi_square_per_degree": chi},
                    details={**estimate.details, "criterion": "frequency", "weighting": options.weighting})
 
 
-def choose_order(data: PolynomialData, kind: str, noise: int,
-                 orders: Sequence[int] = TRIED_ORDERS) -> tuple[int, list[dict]]:
+def choose_order(data: PolynomialData, kind: str, noise: int) -> tuple[int, list[dict]]:
     """The order by its simulation of the held-out end of every stretch, and the scores of all orders."""
     train, rest = data.parts(1.0 - HELD_OUT_SHARE)
     table, reason = [], None
-    for order in orders:
+    for order in TRIED_ORDERS:
         try:
             fit = fit_structure(train.stretches, Structure(kind, order, noise, data.extra))
             score = simulated_fit(fit, data.step, rest.stretches)
@@ -102,7 +98,12 @@ def simulated_fit(fit: PemFit, step: float, stretches: Sequence[Stretch]) -> flo
     pairs = [simulate_on(fit, s) for s in stretches if len(s.y) >= 3 * (fit.structure.order + 1)]
     if not pairs:
         raise NotEnoughData("a stretch long enough for cross-validation", "only shorter ones", "Record longer.")
-    return fit_percent(np.concatenate([y for y, _ in pairs]), np.concatenate([x for _, x in pairs]))
+    return _fit_of_pairs(pairs)
+
+
+def _fit_of_pairs(pairs: Sequence[tuple[np.ndarray, np.ndarray]]) -> float:
+    """Fit [%] over all pairs of measured and simulated."""
+    return fit_percent(*(np.concatenate(each) for each in zip(*pairs, strict=True)))
 
 
 def simulate_on(fit: PemFit, stretch: Stretch) -> tuple[np.ndarray, np.ndarray]:
@@ -138,11 +139,10 @@ def _structure_estimate(experiments: Sequence[Experiment], drive: Drive, data: P
     fitted = {p.name: p.value for p in lines if p.status in ("fitted", "at-bound", "not-identifiable")}
     after = drive.with_values({n: v for n, v in fitted.items() if n in found})
     pairs = [] if figures.unstable else [simulate_on(fit, s) for s in data.stretches]
-    y = np.concatenate([s.y for s in data.stretches])
     e = np.concatenate([fit.problem.errors(fit.values, a, d) for a, d in zip(
         fit.solution.point.starts, fit.problem.stretches, strict=True)])
     measured = np.concatenate([d.y for d in fit.problem.stretches])
-    simulation = fit_percent(y, np.concatenate([x for _, x in pairs])) if pairs else None
+    simulation = _fit_of_pairs(pairs) if pairs else None
     s = fit.structure
     return estimate_from_fit(
         "blackbox", experiments, after, lines, covariance,

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
-from math import prod
 
 import numpy as np
 
@@ -78,12 +77,7 @@ def counterpart(name: str, first: Drive, second: Drive) -> tuple[str, float]:
         if suffix == "ratio":
             return name_of(other, "ratio"), ratio**-2.0  # of n and 1/n
         return name_of(other, suffix), quantity.size(1.0 / ratio, ratio) / quantity.scale
-    return name, _total_gear_ratio(second) ** GEAR_RATIO_EXPONENTS[TOTALS[name]] if name in TOTALS else 1.0
-
-
-def _total_gear_ratio(drive: Drive) -> float:
-    """Turns of the first body for one of the last."""
-    return prod(drive.value(name_of(shaft, "ratio")) or 1.0 for shaft in drive.shafts)
+    return name, second.gear_ratios()[-1] ** GEAR_RATIO_EXPONENTS[TOTALS[name]] if name in TOTALS else 1.0
 
 
 def swap_lines(first: Side, second: Side) -> Iterator[SwapLineSection]:
@@ -114,7 +108,7 @@ def _why_not_compared(name: str) -> str:
 def derived_swap_lines(first: Side, second: Side) -> Iterator[SwapLineSection]:
     """Figures of both files that follow from the parameters; resonances are those of the whole drive."""
     for name in dict.fromkeys((*first.derived, *second.derived)):
-        factor = _total_gear_ratio(second.drive) ** 2.0 if name.startswith("total_inertia") else 1.0
+        factor = second.drive.gear_ratios()[-1] ** 2.0 if name.startswith("total_inertia") else 1.0
         notch = DIFFERENT_LOADS if name.startswith("anti_resonance") else ""
         yield swap_line(name, name, factor, first.derived.get(name), second.derived.get(name), first.name,
                         second.name, notch)

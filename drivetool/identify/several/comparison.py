@@ -123,16 +123,16 @@ def compare(experiments: Sequence[Experiment], drive: Drive, options: CompareOpt
     if len(experiments) < 2:
         raise NotEnoughData("at least two recordings to compare", f"{len(experiments)}", "Name another log file.")
     names = number_duplicates([e.name for e in experiments])
-    models = []
-    for structure in options.structures:
-        for name, e in zip(names, experiments, strict=True):
-            models.append(fitted_structure(structure, name, e, drive, options, experiments))
+    models = [fitted_structure(structure, name, e, drive, options, experiments)
+              for structure in options.structures for name, e in zip(names, experiments, strict=True)]
     cross = {(m.structure, m.record, name): _validation_fit_percent(m, e) for m in models
              for name, e in zip(names, experiments, strict=True)}
     machines = {name: [names[i] for i in places] for name, places in options.machines.items()}
+    figures = {s: {m.record: compared_figures(m) for m in models if m.structure == s}
+               for s in dict.fromkeys(m.structure for m in models)}
     differences_found = [
-        _differences_of_structure(s, {m.record: compared_figures(m) for m in models if m.structure == s}, machines)
-        for s in dict.fromkeys(m.structure for m in models) if s != WITHOUT_VALID_STD]
+        between_machines(s, of_records, machines) if machines else differences(s, of_records)
+        for s, of_records in figures.items() if s != WITHOUT_VALID_STD]
     return Comparison(
         tuple(models), cross, tuple(scatter_over_records(models, names)),
         tuple(d for each in differences_found for d in each),
@@ -140,11 +140,6 @@ def compare(experiments: Sequence[Experiment], drive: Drive, options: CompareOpt
         (*_comparison_findings(models, cross),
          *(f for each in differences_found for f in difference_findings(each, bool(machines)))),
         tuple(e.source for e in experiments), {}, _bode_plots(models, experiments[0].step))
-
-
-def _differences_of_structure(structure: str, figures: Mapping[str, Mapping[str, tuple[float, float | None, str]]],
-                              machines: Mapping[str, Sequence[str]]) -> tuple[DifferenceSection, ...]:
-    return between_machines(structure, figures, machines) if machines else differences(structure, figures)
 
 
 def fitted_structure(structure: str, name: str, e: Experiment, drive: Drive, options: CompareOptions,
@@ -168,10 +163,9 @@ def _fit_polynomial(structure: str, name: str, e: Experiment, drive: Drive, orde
     data = data_of([e])
     fit = fit_structure(data.stretches, Structure(structure, order, noise, data.extra))
     f = figures_of(fit, data.step)
-    figures = {}
-    for kind, pairs in (("notch", f.notches), ("resonance", f.resonances)):
-        for i, pair in enumerate(pairs, 1):
-            figures[f"{kind} {i}"] = (pair.rad_s, f.std(pair.d_rad_s), "rad/s")
+    figures = {f"{kind} {i}": (pair.rad_s, f.std(pair.d_rad_s), "rad/s")
+               for kind, pairs in (("notch", f.notches), ("resonance", f.resonances))
+               for i, pair in enumerate(pairs, 1)}
     found, covariance, _ = conversion(drive, f, data.extra)
     if covariance is not None:  # of the drive itself, as for the physical models, not of its samples
         figures |= {n: (w, std, "rad/s")
@@ -202,7 +196,6 @@ def _fit_physical(structure: str, name: str, e: Experiment, drive: Drive,
 
 def _with_start_values(drive: Drive, e: Experiment) -> Drive:
     """The drive with the values that output error finds."""
-
     estimate: Estimate = polynomial_blackbox([e], drive, Options(structure="oe", order=2 * len(drive.bodies) - 1))
     if estimate.drive.missing():
         raise NotEnoughData(f"start values of a chain of {len(drive.bodies)} bodies",
@@ -217,8 +210,7 @@ def _validation_fit_percent(m: FittedStructure, e: Experiment) -> float | None:
         return simulated_fit(m.fit, data.step, data.stretches)
     if m.drive is None:
         return None
-    task = Task(m.drive, (), roles_of([e], m.drive), (e,))
-    problem, _, runs = free_run(task)
+    problem, _, runs = free_run(Task(m.drive, (), roles_of([e], m.drive), (e,)))
     y = np.concatenate([t.outputs[:, 0] for t in problem.traces])
     return fit_percent(y, np.concatenate([r[:, 0] for r in runs]))
 
@@ -290,8 +282,7 @@ def _comparison_findings(models: Sequence[FittedStructure],
 
 def _moving_notch_findings(structure: str, models: Sequence[FittedStructure]) -> list[Finding]:
     """A first notch that differs between records by more than its standard deviations: not one linear drive."""
-    notch = {m.record: m.figures["notch 1"] for m in models if "notch 1" in m.figures}
-    known = {r: x for r, x in notch.items() if x[1] is not None}
+    known = {m.record: x for m in models if (x := m.figures.get("notch 1")) is not None and x[1] is not None}
     if len(known) < 2:
         return []
     low, high = (f(known, key=lambda r: known[r][0]) for f in (min, max))

@@ -30,11 +30,9 @@ def differences(structure: str, figures: Mapping[str, Mapping[str, tuple[float, 
             other = figures[b].get(name)
             if other is None or not std or not other[1]:
                 continue
-            both = float(np.hypot(std, other[1]))
-            found.append((name, unit, a, b, float(other[0] - value), both))
-    p = holm(np.array([2.0 * norm.sf(abs(change) / std) for *_, change, std in found]))
-    return tuple(DifferenceSection(structure, *row, float(q), bool(q < DIFFERENCE_SIGNIFICANCE))
-                 for row, q in zip(found, p, strict=True))
+            change, both = float(other[0] - value), float(np.hypot(std, other[1]))
+            found.append((name, unit, a, b, change, both, 2.0 * norm.sf(abs(change) / both)))
+    return _with_adjusted_p(structure, found)
 
 
 def between_machines(structure: str, figures: Mapping[str, Mapping[str, tuple[float, float | None, str]]],
@@ -55,9 +53,14 @@ def between_machines(structure: str, figures: Mapping[str, Mapping[str, tuple[fl
             one, other = (mean_of(*np.array([(x[0], x[1]**2) for x in each]).T) for each in estimates)
             found.append((name, estimates[0][0][2], a, b, other.value - one.value,
                           float(np.sqrt(one.variance + other.variance)), p_value_of_equality(one, other)))
-    p = holm(np.array([row[-1] for row in found]))
+    return _with_adjusted_p(structure, found)
+
+
+def _with_adjusted_p(structure: str, rows: Sequence[tuple]) -> tuple[DifferenceSection, ...]:
+    """The differences of a structure by (name, unit, first, second, change, std, p) each, p adjusted for all."""
+    p = holm(np.array([row[-1] for row in rows]))
     return tuple(DifferenceSection(structure, *row[:-1], float(q), bool(q < DIFFERENCE_SIGNIFICANCE))
-                 for row, q in zip(found, p, strict=True))
+                 for row, q in zip(rows, p, strict=True))
 
 
 def holm(p: np.ndarray) -> np.ndarray:
@@ -74,20 +77,15 @@ def difference_findings(found: Sequence[DifferenceSection], machines: bool = Fal
     significant = [d for d in found if d.differs]
     if not significant:
         return []
-    if machines:
-        return [Finding(
-            "warning", "parameters-differ",
-            f"{significant[0].structure}: {_most_significant_listed(significant)}. The scatter within "
-            "each machine is smaller.",
-            {f"{d.name} {d.first} {d.second}": d.p for d in significant},
-            "Look for wear, lubrication or another load where friction or inertia differs.")]
-    return [Finding(
-        "warning", "parameters-differ",
-        f"{significant[0].structure}: {_most_significant_listed(significant)}. The noise within the records does "
-        "not explain it. With one record per machine, a difference between machines cannot be separated from one "
-        "between days.",
-        {f"{d.name} {d.first} {d.second}": d.p for d in significant},
-        "Record each machine several times, at different times, and compare with --machine.")]
+    beyond, action = (
+        ("The scatter within each machine is smaller.",
+         "Look for wear, lubrication or another load where friction or inertia differs.") if machines else
+        ("The noise within the records does not explain it. With one record per machine, a difference between "
+         "machines cannot be separated from one between days.",
+         "Record each machine several times, at different times, and compare with --machine."))
+    return [Finding("warning", "parameters-differ",
+                    f"{significant[0].structure}: {_most_significant_listed(significant)}. {beyond}",
+                    {f"{d.name} {d.first} {d.second}": d.p for d in significant}, action)]
 
 
 def _most_significant_listed(differ: Sequence[DifferenceSection]) -> str:

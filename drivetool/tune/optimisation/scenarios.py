@@ -97,11 +97,9 @@ def _covariance_root(covariance: Covariance) -> np.ndarray:
 
 def spread_of_figures(draws: Draws, wiring: Wiring, settings: Settings, limit: float) -> FigureSpread:
     """Sensitivity, impact drop and overshoot of one setting over the draws."""
-    figures = {"max_sensitivity": [], "impact_drop": [], "overshoot": []}
-    for drive in draws.drives:
-        for name, figure in zip(figures, loop_figures(build(drive, wiring), settings), strict=True):
-            figures[name].append(figure)
-    samples = {name: np.array(values) for name, values in figures.items()}
+    rows = [loop_figures(build(drive, wiring), settings) for drive in draws.drives]
+    samples = {name: np.array(values) for name, values in zip(
+        ("max_sensitivity", "impact_drop", "overshoot"), zip(*rows, strict=True), strict=True)}
     return FigureSpread(
         len(draws.drives) + draws.unphysical, draws.unphysical, int(np.isinf(samples["max_sensitivity"]).sum()),
         list(draws.names), float(np.mean(samples["max_sensitivity"] > limit * (1.0 + 1e-9))),

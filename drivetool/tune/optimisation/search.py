@@ -193,14 +193,10 @@ class _GridPoint:
 
 def _find_basins(task: TuningProblem, shapes: np.ndarray) -> list[_GridPoint]:
     """The best points of the grid with a minimum distance from each other."""
-    rows, low_high = [], []
-    for ti, second in shapes:
-        for low, high in allowed_gains(task, ti, second):
-            rows.append((ti, second))
-            low_high.append((low, high))
+    rows = [(*shape, *ends) for shape in shapes for ends in allowed_gains(task, *shape)]
     if not rows:
         return []
-    shape, ends = np.repeat(rows, GRID_POSITIONS, axis=0), np.repeat(low_high, GRID_POSITIONS, axis=0)
+    shape, ends = np.hsplit(np.repeat(rows, GRID_POSITIONS, axis=0), 2)
     position = np.tile(np.linspace(0.0, 1.0, GRID_POSITIONS), len(rows))
     gain = _gain_at(ends[:, 0], ends[:, 1], position)
     cost = criterion_values(task.loop, task.criterion, gain, shape[:, 0], shape[:, 1])

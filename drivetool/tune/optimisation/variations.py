@@ -45,12 +45,12 @@ def changed_drives(drive: Drive) -> Iterator[tuple[str, Drive]]:
     yield f"{first}.inertia to 80 %" + (", same resonance" if drive.shafts else ""), lighter_motor(drive)
 
 
-def lighter_motor(drive: Drive, share: float = 0.8) -> Drive:
-    """The first inertia times a share; all shafts times one factor that keeps the lowest resonance.
+def lighter_motor(drive: Drive) -> Drive:
+    """The first inertia at 80 %; all shafts times one factor that keeps the lowest resonance.
 
     Damping changes with stiffness, which also keeps the damping ratio.
     """
-    changed = _scaled(drive, name_of(drive.bodies[0], "inertia"), share)
+    changed = _scaled(drive, name_of(drive.bodies[0], "inertia"), 0.8)
     if not drive.shafts:
         return changed
     before, after = (min(m.frequency_hz for m in resonances(d) if m.kind == "resonance") for d in (drive, changed))

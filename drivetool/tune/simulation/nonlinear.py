@@ -10,10 +10,10 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from drivetool.drive import MOTOR_TORQUE, Assembly, Drive, Layout
+from drivetool.drive import MOTOR_TORQUE, Assembly, Drive, Layout, chain_alone
 from drivetool.drive.simulation import Plant, Trace
 from drivetool.quantity import name_of
-from drivetool.tune.speed_loop import Loop, Settings, chain_alone, mechanics, steady_torques
+from drivetool.tune.speed_loop import Loop, Settings, mechanics, steady_torques
 
 REFERENCE_COLUMN, LOAD_COLUMN = 0, 1  # columns of the inputs
 

@@ -6,7 +6,6 @@ from .loop import (
     Settings as Settings,
     Wiring as Wiring,
     build as build,
-    chain_alone as chain_alone,
     check_wiring as check_wiring,
     lag_time as lag_time,
     mechanics as mechanics,

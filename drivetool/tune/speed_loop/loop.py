@@ -18,9 +18,9 @@ from typing import Literal
 
 import numpy as np
 
-from drivetool.drive import MOTOR_TORQUE, Drive, linear_drive, state_space
+from drivetool.drive import MOTOR_TORQUE, Drive, chain_alone, linear_drive, state_space
 from drivetool.errors import BadParameters
-from drivetool.quantity import name_of, owner_of
+from drivetool.quantity import name_of
 from drivetool.tune.speed_loop.working_point import at_working_point
 
 Configuration = Literal["siso", "miso", "mimo"]
@@ -218,12 +218,6 @@ def build(drive: Drive, wiring: Wiring) -> Loop:
         rows[f"{motor}_torque"] = np.r_[np.zeros(at), path[2], np.zeros(n - at - npath)]
     return Loop(drive, given, wiring, a, gain, integral_part, second, np.r_[b_m[:, -1], np.zeros(n - nm)], path[3],
                 rows, np.array(entry))
-
-
-def chain_alone(drive: Drive) -> Drive:
-    """The chain alone, without torque path and sensor."""
-    return replace(drive, values={
-        k: v for k, v in drive.values.items() if owner_of(k) not in ("converter", "sensor")})
 
 
 def mechanics(drive: Drive, wiring: Wiring) -> tuple[np.ndarray, np.ndarray]:

@@ -79,6 +79,10 @@ class Plant:
         """(n,) L."""
         return settings.gain * self.shape(settings.integral_time, settings.second)
 
+    def sensitivity(self, settings: Settings) -> np.ndarray:
+        """(n,) |1/(1 + L)|."""
+        return 1.0 / np.abs(1.0 + self.loop_gain(settings))
+
 
 def rate_range(drive: Drive, wiring: Wiring) -> tuple[float, float]:
     """(slowest, fastest) rate [rad/s] that is relevant to a speed loop.
@@ -109,20 +113,17 @@ def plant(drive: Drive, wiring: Wiring) -> Plant:
 
 def max_sensitivity(plant: Plant, settings: Settings) -> tuple[float, float]:
     """(Ms = max |1/(1 + L)|, the frequency [rad/s] at which it is reached), to about 1e-9."""
-    def size(p: Plant) -> np.ndarray:
-        return 1.0 / np.abs(1.0 + p.loop_gain(settings))
-
-    on_grid = size(plant)
+    on_grid = plant.sensitivity(settings)
     inner = np.flatnonzero((on_grid[1:-1] >= on_grid[:-2]) & (on_grid[1:-1] >= on_grid[2:])) + 1
     best = max(((on_grid[0], plant.w[0]), (on_grid[-1], plant.w[-1])))
     for k in inner[on_grid[inner] > 0.9 * on_grid.max()]:
-        best = max(best, _refine_peak(plant, size, plant.w[k - 1], plant.w[k + 1]))
+        best = max(best, _refine_peak(plant, settings, plant.w[k - 1], plant.w[k + 1]))
     return float(best[0]), float(best[1])
 
 
 def with_fine_peaks(plant: Plant, settings: Settings) -> Plant:
     """The plant with more frequencies around the peaks of a sensitivity."""
-    size = 1.0 / np.abs(1.0 + plant.loop_gain(settings))
+    size = plant.sensitivity(settings)
     top = (size[1:-1] >= size[:-2]) & (size[1:-1] >= size[2:]) & (size[1:-1] > 0.8 * size.max())
     peaks = np.flatnonzero(top) + 1
     more = [np.linspace(plant.w[max(k - 2, 0)], plant.w[min(k + 2, len(size) - 1)], 61) for k in peaks]
@@ -135,11 +136,11 @@ def _without_duplicates(w: np.ndarray) -> np.ndarray:
     return w[np.r_[True, np.diff(w) > 1e-8 * w[1:]]]
 
 
-def _refine_peak(plant: Plant, size, low: float, high: float) -> tuple[float, float]:
+def _refine_peak(plant: Plant, settings: Settings, low: float, high: float) -> tuple[float, float]:
     """(largest value, where) in an interval with one peak."""
     for _ in range(6):
         w = np.linspace(low, high, 13)
-        found = size(plant.at(w))
+        found = plant.at(w).sensitivity(settings)
         k = int(np.clip(np.argmax(found), 1, 11))
         low, high = w[k - 1], w[k + 1]
         best = found.max(), w[int(np.argmax(found))]
