@@ -19,15 +19,7 @@ POINTS_PER_AXIS = 72
 
 
 @dataclass(frozen=True)
-class Picture:
-    """What every picture has."""
-
-    kind: str
-    title: str
-
-
-@dataclass(frozen=True)
-class GainTimeMap(Picture):
+class GainTimeMap:
     """Figures over integral time and gain on logarithmic axes; infinite where the loop is unstable.
 
     kind      criterion-plane or impact-drop-plane
@@ -36,6 +28,8 @@ class GainTimeMap(Picture):
     optimum   (Ti, Kp); limit: of Ms
     """
 
+    kind: str
+    title: str
     times: np.ndarray
     gains: np.ndarray
     gain_unit: str
@@ -46,12 +40,14 @@ class GainTimeMap(Picture):
 
 
 @dataclass(frozen=True)
-class LoadStep(Picture):
+class LoadStep:
     """Responses to a step of load torque, all designs on one time axis.
 
     speeds, torques  label -> (time, value); bands: label -> (time, lowest, highest) over the draws
     """
 
+    kind: str
+    title: str
     speed_label: str
     torque_label: str
     speeds: Mapping[str, tuple[np.ndarray, np.ndarray]]
@@ -60,20 +56,24 @@ class LoadStep(Picture):
 
 
 @dataclass(frozen=True)
-class Frequencies(Picture):
+class Frequencies:
     """Loop gains over frequency, nominal first, for the Nichols and the sensitivity picture.
 
     curves  label -> (frequency [Hz], L)
     """
 
+    kind: str
+    title: str
     curves: Mapping[str, tuple[np.ndarray, np.ndarray]]
     limit: float
 
 
 @dataclass(frozen=True)
-class SpreadPicture(Picture):
+class SpreadPicture:
     """Histograms of the spread."""
 
+    kind: str
+    title: str
     spread: FigureSpread
     nominal: Mapping[str, float]
     units: Mapping[str, str]
@@ -81,18 +81,20 @@ class SpreadPicture(Picture):
 
 
 @dataclass(frozen=True)
-class LimitCyclePlotData(Picture):
+class LimitCyclePlotData:
     """The nonlinear drive after kicks; half_gap of the last shaft, zero if it has none."""
 
+    kind: str
+    title: str
     watches: tuple[DisturbanceResponse, ...]
     speed_unit: str
     torque_unit: str
     half_gap: float
 
 
-def pictures(gains: Gains, draws: Draws | None) -> tuple[Picture, ...]:
+def pictures(gains: Gains, draws: Draws | None) -> tuple[object, ...]:
     """The data of all pictures of all designs."""
-    found: list[Picture] = []
+    found: list[object] = []
     several = len(gains.designs) > 1
     for design in gains.designs:
         name = design.wiring.configuration if several else ""
