@@ -56,7 +56,8 @@ def between_machines(structure: str, figures: Mapping[str, Mapping[str, tuple[fl
     return _with_adjusted_p(structure, found)
 
 
-def _with_adjusted_p(structure: str, rows: Sequence[tuple]) -> tuple[DifferenceSection, ...]:
+def _with_adjusted_p(structure: str, rows: Sequence[tuple[str, str, str, str, float, float, float]],
+                     ) -> tuple[DifferenceSection, ...]:
     """The differences of a structure by (name, unit, first, second, change, std, p) each, p adjusted for all."""
     p = holm(np.array([row[-1] for row in rows]))
     return tuple(DifferenceSection(structure, *row[:-1], float(q), bool(q < DIFFERENCE_SIGNIFICANCE))
