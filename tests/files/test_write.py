@@ -18,7 +18,7 @@ from drivetool.drive import two_mass
 from drivetool.errors import BadOption, CannotWrite
 from drivetool.files.disk import write
 from drivetool.files.figures import plots, thinning
-from drivetool.files.results.result_file import dump, dump_estimate, dump_validation, estimate_file, validation_file
+from drivetool.files.results.result_file import dump, estimate_file, validation_file
 from drivetool.files.shapes import schema
 from drivetool.files.tables import result_tables as tables
 from drivetool.files.tables.number_format import rounded
@@ -52,6 +52,11 @@ CHECK = CheckSection("greybox.yaml", "gap.parquet", "motor_speed", "rad/s", 93.1
                     9000, 0.083, 0.03, 4.2, 0.31, None, True)
 VALIDATION = Validation((CHECK, CHECK.replace(file="b.parquet", passed=False)), "missed on b.parquet",
                         data=(("gap.parquet", "ab" * 32), ("b.parquet", "cd" * 32)))
+
+
+def dump_estimate(estimate, inputs=(), form="yaml"):
+    """The parameter file of an estimate as text."""
+    return dump(estimate_file(estimate, inputs), form)
 
 
 def load(tmp_path, text):
@@ -124,7 +129,7 @@ def test_keys_other_tools_read():
 def test_files_follow_their_schemas():
     texts = schema.schemas()
     for name, text in (("parameters.json", dump_estimate(ESTIMATE)),
-                       ("validation.json", dump_validation(VALIDATION)),
+                       ("validation.json", dump(validation_file(VALIDATION))),
                        ("parameters.json", "schema: drivetool/parameters/1\nparameters: {motor.inertia: 4}")):
         jsonschema.validate(yaml.safe_load(text), json.loads(texts[name]))
     with pytest.raises(jsonschema.ValidationError):
@@ -179,7 +184,7 @@ def test_figures_that_a_constant_torque_leaves_out_are_dashes(tmp_path):
     nan = float("nan")
     check = CHECK.replace(max_correlation=nan, band=nan, lags_outside_percent=nan, correlation_p=nan)
     path = tmp_path / "v.yaml"
-    path.write_text(dump_validation(replace(VALIDATION, checks=(check,))))
+    path.write_text(dump(validation_file(replace(VALIDATION, checks=(check,)))))
     assert yaml.safe_load(path.read_text())["checks"][0]["lags_outside_percent"] is None
     row = show(tables.print_validation, load_result(path)).splitlines()[-2].split()
     assert row == ["greybox", "gap", "93.12", "-", "0.0123", "-", "-", "met"]
@@ -198,7 +203,7 @@ def test_value_and_std_end_at_the_same_digit(value, std, expected):
 
 def test_show_reads_both_kinds(tmp_path):
     path = tmp_path / "v.yaml"
-    path.write_text(dump_validation(VALIDATION))
+    path.write_text(dump(validation_file(VALIDATION)))
     assert load_result(path) == validation_file(VALIDATION)
     path.write_text("schema: drivetool/parameters/1\ndrive: {torque_unit: A}\nparameters: {motor.inertia: 4}")
     assert load_result(path).parameters["motor.inertia"].unit == "A s^2/rad"

@@ -12,7 +12,7 @@ from drivetool.drive import one_body, two_mass
 from drivetool.drive.chain import three_mass
 from drivetool.drive.simulation import Trace
 from drivetool.errors import BadOption, BadParameters, BadRecording, NotEnoughData
-from drivetool.files.results.result_file import dump_estimate
+from drivetool.files.results.result_file import dump, estimate_file
 from drivetool.files.yaml import load_channel_map
 from drivetool.identify.blackbox.estimator import blackbox
 from drivetool.identify.blackbox.transfer import (
@@ -187,7 +187,7 @@ def test_rig_after_steady(rig, rig_truth):
     assert {e.kind for e in estimate.exhibits} == {"record", "bode"}
     assert estimate.drive.values["motor.inertia"] == line(estimate, "motor.inertia").value
     assert not {"warning", "failure"} & set(codes(estimate).values())
-    assert "motor.inertia" in dump_estimate(estimate)
+    assert "motor.inertia" in dump(estimate_file(estimate))
 
 
 @pytest.mark.slow
@@ -328,7 +328,7 @@ def test_a_wrong_sign_gives_no_parameters(rig):
     assert dict(estimate.drive.values) == {"load.inertia": 5.0}
     assert all(line(estimate, n).reason for n in SHAFT) and estimate.covariance is None
     assert "signs" in next(f.action for f in estimate.findings if f.code == "no-conversion")
-    assert "value: null" in dump_estimate(estimate)
+    assert "value: null" in dump(estimate_file(estimate))
 
 
 def test_a_shaft_that_is_not_excited_is_not_made_up():

@@ -23,23 +23,11 @@ Form = Literal["yaml", "json"]
 Inputs = Sequence[tuple[str, str]]
 
 
-def dump_estimate(estimate: Estimate, inputs: Inputs = (), form: Form = "yaml") -> str:
-    """The parameter file as text; the same estimate gives the same bytes.
-
-    estimate  what a step returned
-    inputs    (name, sha256) of the parameter files that were read
-    form      yaml, or json with the same content
-    """
-    return dump(estimate_file(estimate, inputs), form)
-
-
-def dump_validation(validation: Validation, inputs: Inputs = (), form: Form = "yaml") -> str:
-    """The validation file as text."""
-    return dump(validation_file(validation, inputs), form)
-
-
 def dump(file: shapes.Shape, form: Form = "yaml") -> str:
-    """A file as text, keys in the order of its type."""
+    """A file as text, keys in the order of its type; equal files give equal bytes.
+
+    form  yaml, or json with the same content
+    """
     document = msgspec.to_builtins(file)
     if document.get("diagnosis", "") is None:  # only diagnose fills it
         del document["diagnosis"]
