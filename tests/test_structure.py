@@ -1,6 +1,7 @@
 """Imports go one way, parties stay behind their fences, folders have faces, files and functions stay small."""
 
 import ast
+import pkgutil
 import re
 import subprocess
 import sys
@@ -8,6 +9,8 @@ from collections import Counter
 
 import pytest
 
+from drivetool.drive import effects
+from drivetool.drive.effects import EFFECTS
 from tests import tree
 
 FILES = sorted(tree.ROOT.rglob("*.py"))
@@ -37,17 +40,6 @@ LATER = {"drivetool.cli": {"numpy", "yaml", "msgspec"}, "drivetool.logs.formats.
 BY_NAME = {"drivetool.drive.kernel.build", "drivetool.check.causes.catalogue", "drivetool.site.pool.worker"}
 FACE = "__getattr__, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)"
 
-# Files that form one circle: an effect is stamped into an assembly, which knows the effects by name. The list may
-# only become shorter.
-CIRCLE = {
-    "drivetool.drive.assemble", "drivetool.drive.chain", "drivetool.drive.shaft_rows",
-    *(f"drivetool.drive.effects.{name}" for name in (
-        "added_inertia", "asymmetry", "backlash", "breakaway", "carried_mass", "catalogue", "clamp",
-        "converter", "coulomb", "dead_time", "drag", "drift", "effect", "friction_factor", "gap_damping",
-        "hardening", "idle_torque", "imbalance", "induction", "inertia", "interpolation", "load_damping",
-        "load_step", "ripple", "shaft", "speed_filter", "stribeck", "torque_constant", "viscous", "warm_up"))}
-
-
 @pytest.mark.parametrize("path", FILES, ids=lambda path: str(path.relative_to(tree.ROOT)))
 def test_structure(path):
     room = path.relative_to(tree.ROOT).parts[0].removesuffix(".py")
@@ -68,20 +60,28 @@ def test_structure(path):
 
 
 def test_no_files_import_each_other():
-    graph = tree.graph_of(lambda module: module, tree.arrows())
-    assert [c for c in tree.circles(graph) if not set(c) <= CIRCLE] == []
+    assert tree.circles(tree.graph_of(lambda module: module, tree.arrows())) == []
 
 
-def test_the_list_of_files_that_import_each_other_is_no_longer_than_it_must_be():
-    found = {m for c in tree.circles(tree.graph_of(lambda module: module, tree.arrows())) for m in c}
-    assert found == CIRCLE
+def test_assembly_and_chain_know_no_effect_by_name():
+    """They take effects from the catalogue. A shaft and its ratio make the chain, whatever else the effect is."""
+    owned = {name for e in EFFECTS for name in (e.code, *e.quantities)} - {"shaft", "ratio"}
+    for module in ("assemble", "chain"):
+        parsed = ast.parse((tree.ROOT / "drive" / f"{module}.py").read_text(encoding="utf-8"))
+        prose = {id(n.value) for n in ast.walk(parsed) if isinstance(n, ast.Expr)}
+        words = {n.value for n in ast.walk(parsed)
+                 if isinstance(n, ast.Constant) and isinstance(n.value, str) and id(n) not in prose}
+        assert not owned & {part for word in words for part in word.split(".")}, module
+        taken = [n for n in ast.walk(parsed) if isinstance(n, ast.ImportFrom) and n.module.startswith(
+            "drivetool.drive.effects")]
+        assert not {a.name for n in taken for a in n.names} & {
+            e.name for e in pkgutil.iter_modules(effects.__path__)}, module
 
 
 def test_no_folders_import_each_other():
     """In every folder, with all that lies below: the folders in it, and the files beside them as one more."""
-    known = [a for a in tree.arrows() if not {a.source, a.target} <= CIRCLE]
     found = {parent: circle for parent in tree.folders() if parent != tree.PRODUCT
-             if (circle := tree.circles(tree.graph_of(tree.child_of(parent), known)))}
+             if (circle := tree.circles(tree.graph_of(tree.child_of(parent), tree.arrows())))}
     assert found == {}
 
 

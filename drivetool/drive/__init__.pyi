@@ -1,16 +1,15 @@
 from .assemble import COLUMN_MULTIPLE as COLUMN_MULTIPLE, Assembly as Assembly, Law as Law, Layout as Layout
 from .chain import (
     END_MASS as END_MASS,
-    GEAR_RATIO_EXPONENTS as GEAR_RATIO_EXPONENTS,
     KNOWN_DRIVES as KNOWN_DRIVES,
-    TOTALS as TOTALS,
     DampingLaw as DampingLaw,
     Drive as Drive,
-    is_constant as is_constant,
     one_body as one_body,
     two_mass as two_mass,
 )
 from .dual import Dual as Dual
+from .effects.catalogue import GEAR_RATIO_EXPONENTS as GEAR_RATIO_EXPONENTS, TOTALS as TOTALS
+from .effects.torque_constant import is_constant as is_constant
 from .linearise import (
     MOTOR_TORQUE as MOTOR_TORQUE,
     chain_alone as chain_alone,
@@ -18,7 +17,6 @@ from .linearise import (
     resonances as resonances,
     state_space as state_space,
 )
-from .shaft_rows import closed_shaft as closed_shaft, in_contact as in_contact
 from .supply_vector import (
     by_converter as by_converter,
     by_phases as by_phases,

@@ -6,7 +6,7 @@ parameter is a Dual over the free ones.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from itertools import accumulate
 from operator import mul
@@ -14,15 +14,13 @@ from operator import mul
 import numpy as np
 
 from drivetool.drive.arrays import System
-from drivetool.drive.chain import TOTALS, Drive, body_shares
+from drivetool.drive.chain import Drive, body_shares, mass_of
 from drivetool.drive.dual import Dual
-from drivetool.drive.effects import EFFECTS, FLUXES, VOLTAGES, Effect, torque_constant
-from drivetool.drive.shaft_rows import always_transmitted, in_contact
+from drivetool.drive.effects import EFFECT_INPUTS, FRICTION_SUFFIXES, LAW_TORQUES, TOTALS, Effect
 from drivetool.errors import BadParameters
 from drivetool.quantity import name_of, owner_of, shared
 
 Row = dict[int, Dual]  # state -> factor
-FRICTION_SUFFIXES = frozenset(suffix for effect in EFFECTS for suffix in effect.friction)
 # Parameter columns are padded to multiples of this: a 256-bit vector register holds four float64.
 COLUMN_MULTIPLE = 4
 
@@ -49,7 +47,7 @@ class Layout:
 class Law:
     """A smooth law as an effect stamped it: see `Assembly.law`."""
 
-    name: str
+    torque: Callable
     parameters: tuple[Dual, ...]
     first: Row
     second: Row
@@ -61,11 +59,14 @@ class Law:
 class Assembly:
     """The equations under construction, which effects add to.
 
+    states        names; own_states: (effect, index of its owner, its states) of the effects that have some
     rows          (row, column) -> factor; masses: which the torques of each body accelerate
     shafts        (stiffness, damping, ratio) of each joint; gaps: shaft -> half width of its dead zone
-    open_damping  shaft -> damping whether or not it is in contact
+    always_damping, contact_damping    shaft -> damping whether or not it is in contact, and only in contact
     frictions     body -> level of set-valued friction; laws: smooth ones
-    dead_time     by which the motor torque acts later [s]
+    friction_factor  on all friction; input_gain: body -> factor on its input; sensed: role -> column that it reads
+    motor_column  of the torque that acts on the motor
+    dead_time     by which the motor torque acts later [s], or None; interpolation: see `Plant`
     """
 
     def __init__(self, drive: Drive, layout: Layout):
@@ -82,27 +83,31 @@ class Assembly:
         # The first encoder defines where the motor's angle is zero; each further one has its own, a constant in the
         # start state.
         self.states += [f"{role}.zero" for role in angles[1:]]
-        if "converter.bandwidth" in self.acting:
-            self.states += ["converter", "converter.rate"][:self.lag_order("converter.order")]
-        if self.filters_speed():
-            self.states += ["motor_speed.filtered", "motor_speed.filtered.rate"][:self.lag_order("sensor.order")]
-        if self.fed_by_voltages():
-            self.states += FLUXES
+        self.own_states = [(effect, index, names) for effect, _, index in drive.effects()
+                           if (names := tuple(effect.states(self, index)))]
+        self.states += [name for _, _, names in self.own_states for name in names]
         if layout.memory is not None:
             self.states.append("disturbance")
         self.nx, self.nu = len(self.states), len(layout.inputs)
         self.constant = self.nx + self.nu
         self.rows: dict[tuple[int, int], Dual] = {}
-        self.masses: list[Dual] = []
         self.shafts: list[tuple[Dual, Dual, Dual]] = []
         self.gaps: dict[int, Dual] = {}
-        self.open_damping: dict[int, Dual] = {}
+        self.always_damping: dict[int, Dual] = {}
+        self.contact_damping: dict[int, Dual] = {}
         self.frictions: dict[int, Dual] = {}
         self.laws: list[Law] = []
-        self.dead_time = self.number(0.0)
-        for effect, owner, index in drive.effects():
-            if self._is_present(effect, owner):
-                effect.stamp(self, index)
+        self.friction_factor = self.number(1.0)
+        self.input_gain = {body: self.number(1.0) for body in range(self.n)}
+        self.sensed: dict[str, int] = {}
+        self.motor_column, self.dead_time, self.interpolation = self.nx, None, 0.0
+        self.own_masses = [mass_of(lambda suffix, b=b: self.parameter(name_of(b, suffix))) for b in drive.bodies]
+        self.masses = list(self.own_masses)
+        present = [(effect, index) for effect, owner, index in drive.effects() if self._is_present(effect, owner)]
+        for effect, index in present:
+            effect.prepare(self, index)
+        for effect, index in present:
+            effect.stamp(self, index)
         self._kinematics()
 
     # used by the effects
@@ -123,10 +128,9 @@ class Assembly:
         return dual
 
     def of_body(self, body: int, suffix: str) -> Dual:
-        """A body's parameter; a total is distributed by the rule at TOTALS in chain.py."""
+        """A body's parameter; a total is distributed by the rule of its effect."""
         name = name_of(self.drive.bodies[body], suffix)
-        scaled = suffix in FRICTION_SUFFIXES and "friction.factor" in self.acting
-        factor = self.parameter("friction.factor") if scaled else self.number(1.0)
+        factor = self.friction_factor if suffix in FRICTION_SUFFIXES else self.number(1.0)
         for total, part in TOTALS.items():
             if part == suffix and (total in self.drive.values or total in self.layout.free):
                 return self.parameter(total) * self._share(suffix, body) * factor
@@ -134,13 +138,8 @@ class Assembly:
 
     def _share(self, suffix: str, body: int) -> Dual:
         """A body's parameter for a total of one."""
-        masses = []
-        for name in self.drive.bodies:
-            mass, radius = self.parameter(name_of(name, "carried_mass")), self.parameter(name_of(name, "radius"))
-            added = self.parameter(name_of(name, "added_inertia"))
-            masses.append(self.parameter(name_of(name, "inertia")) + added + mass * radius * radius)
         ratios = [self.parameter(name_of(shaft, "ratio")) for shaft in self.drive.shafts]
-        return body_shares(suffix, masses, list(accumulate([self.number(1.0), *ratios], mul)))[body]
+        return body_shares(suffix, self.own_masses, list(accumulate([self.number(1.0), *ratios], mul)))[body]
 
     def of_shaft(self, shaft: int, suffix: str) -> Dual:
         """A shaft's parameter."""
@@ -149,14 +148,6 @@ class Assembly:
     def acts(self, body: int, suffix: str) -> bool:
         """Whether a body's effect is present: not neutral, or free."""
         return name_of(self.drive.bodies[body], suffix) in self.acting
-
-    def filters_speed(self) -> bool:
-        """Whether the motor speed is low-pass filtered before it is logged."""
-        return "motor_speed" in self.layout.outputs and "sensor.bandwidth" in self.acting
-
-    def fed_by_voltages(self) -> bool:
-        """Whether the motor's torque is computed from its stator voltages."""
-        return self.acts(0, "magnetizing_inductance")
 
     def _needs_angle(self) -> bool:
         """Whether a torque depends on the angle."""
@@ -185,15 +176,18 @@ class Assembly:
         """Set-valued friction of a level on a body; levels add up."""
         self.frictions[body] = self.frictions[body] + level if body in self.frictions else level
 
-    def law(self, name: str, parameters: Sequence[Dual], first: Row, second: Row | None = None, *,
+    def law(self, torque: Callable, parameters: Sequence[Dual], first: Row, second: Row | None = None, *,
             body: int = -1, shaft: int = -1, slides: bool = False) -> None:
         """Add a smooth law: a torque on a body, or one in a shaft that acts on both its ends.
 
+        torque         of an effect of the catalogue, called as `Effect.torque`
         body           index of a body; or of another state, whose rate it adds to
         first, second  its arguments over the state
         slides         whether it is friction, which acts while the body slides
         """
-        self.laws.append(Law(name, tuple(parameters), first, second or {}, body, shaft, slides))
+        if torque not in LAW_TORQUES:
+            raise ValueError(f"{torque.__module__} adds a law that its EFFECT does not declare as `torque`")
+        self.laws.append(Law(torque, tuple(parameters), first, second or {}, body, shaft, slides))
 
     def twist(self, shaft: int) -> Row:
         """Twist of a shaft over the state."""
@@ -212,46 +206,47 @@ class Assembly:
             row[self.n + k] = self.number(-1.0)
         return row
 
-    def lag_order(self, name: str) -> int:
-        """Order of a lag, which cannot be a free parameter."""
-        value = self.drive.value(name)
-        if value not in self.drive.quantity(name).choice or name in self.layout.free:
-            raise BadParameters(f"{name} of 1 or 2, held", "a free parameter" if name in self.layout.free
-                                else f"{value:g}", "Correct it.")
-        return int(value)
-
-    def lag(self, state: int, source: int, owner: str) -> None:
-        """Let a state follow a column as the owner's lag; of order 2 its rate is the next state."""
-        bandwidth, damping = (self.parameter(name_of(owner, s)) for s in ("bandwidth", "damping"))
-        if self.lag_order(name_of(owner, "order")) == 1:
-            self.torque(state, source, bandwidth)
-            self.torque(state, state, -bandwidth)
-            return
-        square = bandwidth * bandwidth
-        self.torque(state, state + 1, self.number(1.0))
-        self.torque(state + 1, state, -square)
-        self.torque(state + 1, state + 1, -2.0 * damping * bandwidth)
-        self.torque(state + 1, source, square)
-
     # given by the chain itself
+
+    def damping_of(self, shaft: int) -> Dual:
+        """Damping of a shaft in contact."""
+        parts = [d[shaft] for d in (self.contact_damping, self.always_damping) if shaft in d]
+        return sum(parts[1:], parts[0])
+
+    def closed_shaft(self, shaft: int) -> Row:
+        """Torque of a shaft in contact over the state."""
+        return {self.n + shaft: self.shafts[shaft][0]} | self._damper(shaft, self.damping_of(shaft))
+
+    def always_transmitted(self, shaft: int) -> Row:
+        """Torque of a shaft independent of contact; all of it where there is no gap."""
+        if shaft not in self.gaps:
+            return self.closed_shaft(shaft)
+        return self._damper(shaft, self.always_damping[shaft]) if shaft in self.always_damping else {}
+
+    def in_contact(self, shaft: int) -> Row:
+        """Torque of a shaft with a gap in contact only: its spring, and the damping that is part of the contact."""
+        found = {self.n + shaft: self.shafts[shaft][0]}
+        return found | self._damper(shaft, self.contact_damping[shaft]) if shaft in self.contact_damping else found
+
+    def _damper(self, shaft: int, damping: Dual) -> Row:
+        return {shaft: damping / self.shafts[shaft][2], shaft + 1: -damping}
 
     def _kinematics(self) -> None:
         one = self.number(1.0)
-        if "converter" not in self.states:
-            self.torque(0, self.nx, torque_constant.gain(self, 0))
+        self.torque(0, self.motor_column, self.input_gain[0])
         for column, role in enumerate(self.layout.inputs[1:], self.nx + 1):
-            if role in VOLTAGES:
+            if role in EFFECT_INPUTS:
                 continue
             if role in self.drive.known_torques:
                 self.torque(self.drive.bodies.index(owner_of(role)), column, -self.parameter(role))
                 continue
             body = self.body_of(role)
-            self.torque(body, column, -one if role == "load_torque" else torque_constant.gain(self, body))
+            self.torque(body, column, -one if role == "load_torque" else self.input_gain[body])
         for k, (_, _, ratio) in enumerate(self.shafts):
             twist = self.n + k
             self.torque(twist, k, 1.0 / ratio)
             self.torque(twist, k + 1, -one)
-            for column, factor in always_transmitted(self, k).items():
+            for column, factor in self.always_transmitted(k).items():
                 self.torque(k, column, -factor / ratio)
                 self.torque(k + 1, column, factor)
         if "angle" in self.states:
@@ -286,13 +281,11 @@ class Assembly:
         """(row over the state, gap whose torque adds to it or -1) of a measured role."""
         if role.endswith("torque"):
             k = self.shaft_of(role)
-            return always_transmitted(self, k), list(self.gaps).index(k) if k in self.gaps else -1
+            return self.always_transmitted(k), list(self.gaps).index(k) if k in self.gaps else -1
         body = self.body_of(role)
         one = self.number(1.0)
-        if role == "motor_speed" and self.filters_speed():
-            return {self.states.index("motor_speed.filtered"): one}, -1
         if role.endswith("speed"):
-            return {body: one}, -1
+            return {self.sensed.get(role, body): one}, -1
         row = self.angle_of(body)
         if f"{role}.zero" in self.states:
             row[self.states.index(f"{role}.zero")] = one
@@ -311,15 +304,16 @@ class Assembly:
         spring = np.zeros((len(self.gaps), nx, 1 + nq))
         gains, reach = [], []
         for g, (shaft, half) in enumerate(self.gaps.items()):
-            for j, dual in in_contact(self, shaft, self.drive.damping_law == "inside").items():
+            for j, dual in self.in_contact(shaft).items():
                 spring[g, j] = dual.jet()
             gains += [-1.0 / self.shafts[shaft][2], self.number(1.0)]
             reach.append(self.shafts[shaft][0] * half)
         outputs, output_gap = self._outputs()
         h = self.layout.step
-        samples = self.dead_time.v / h
+        dead_time = self.number(0.0) if self.dead_time is None else self.dead_time
+        samples = dead_time.v / h
         part = max(samples - int(samples + 1e-9), shortest) * h  # as the whole samples are counted
-        part_lengths = np.array([part, h - part]) if "converter.dead_time" in self.acting else np.array([h])
+        part_lengths = np.array([h]) if self.dead_time is None else np.array([part, h - part])
         bodies = sorted(self.frictions)
         memory = np.ones(nx)
         if self.layout.memory is not None:
@@ -332,7 +326,7 @@ class Assembly:
             np.array(bodies, np.int64), self._jets([self.frictions[b] for b in bodies]), outputs, output_gap,
             _output_states(outputs, output_gap), np.repeat(part_lengths, pieces) / pieces,
             (len(part_lengths) - 1) * pieces,
-            self.dead_time.d, memory, nx, self.nu, nq, len(self.gaps), len(self.frictions),
+            dead_time.d, memory, nx, self.nu, nq, len(self.gaps), len(self.frictions),
             len(outputs), ns, nx)
 
     def _jets(self, duals: Sequence[Dual]) -> np.ndarray:

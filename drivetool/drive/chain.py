@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cache
 from itertools import accumulate
@@ -11,17 +11,10 @@ from types import MappingProxyType
 from typing import Literal, TypeVar
 
 from drivetool.drive.dual import Dual
-from drivetool.drive.effects import EFFECTS, Effect, torque_constant
+from drivetool.drive.effects import EFFECTS, GEAR_RATIO_EXPONENTS, OPTIONAL_SUFFIXES, TOTAL_RULES, TOTALS, Effect
 from drivetool.errors import BadParameters, nearest
 from drivetool.quantity import Quantity, name_of, names_of, owner_of, quantity_of, record_of, shared
 
-# Parameters of which a record identifies only the sum over all bodies, referred to the motor: behind a reduction n
-# a torque counts 1/n and a friction coefficient 1/n^2. The viscous sum is distributed in proportion to the inertias
-# (all bodies then decay at one rate, Tallfors 2005 sec. 5.4). The idle torque is assigned to the last body, where a
-# rolling mill has most of it.
-TOTALS = {"total.viscous": "viscous", "total.idle_torque": "idle_torque"}
-# Power of n by which a parameter is divided when it is referred to the motor.
-GEAR_RATIO_EXPONENTS = {"viscous": 2, "idle_torque": 1, "coulomb": 1}
 KNOWN_TORQUE = Quantity("{T}", "factor of a known torque", (-1e12, 1e12), 1e-2, 0.0)
 END_MASS = "tip"  # a body behind the load that diagnose has added: the load's sensors and names stay with the load
 Number = TypeVar("Number", float, Dual)
@@ -101,9 +94,7 @@ class Drive:
 
     def inertias(self) -> list[float]:
         """(n,) inertia of each body with added inertia and carried mass; an unknown one is zero."""
-        return [(self.value(name_of(b, "inertia")) or 0.0) + self.value(name_of(b, "added_inertia"))
-                + self.value(name_of(b, "carried_mass")) * self.value(name_of(b, "radius")) ** 2
-                for b in self.bodies]
+        return [mass_of(lambda suffix, b=b: self.value(name_of(b, suffix)) or 0.0) for b in self.bodies]
 
     @property
     def referred_inertia(self) -> float:
@@ -121,7 +112,7 @@ class Drive:
         return self.gear_ratios()[body] ** -GEAR_RATIO_EXPONENTS[quantity_of(name)]
 
     def parts(self, total: str, whole: float) -> dict[str, float]:
-        """The bodies' own parameters if a sum is distributed by the rule at TOTALS."""
+        """The bodies' own parameters if a sum is distributed by the rule of its effect."""
         names, each = names_of(self.bodies, TOTALS[total]), body_shares(
             TOTALS[total], self.inertias(), self.gear_ratios())
         return {n: whole * s for n, s in zip(names, each, strict=True)}
@@ -159,7 +150,7 @@ class Drive:
     def missing(self) -> list[str]:
         """Parameters without which the drive cannot be simulated."""
         return [n for n, q in self.quantities.items()
-                if q.neutral is None and n not in self.values and not is_constant(n)]
+                if q.neutral is None and n not in self.values and quantity_of(n) not in OPTIONAL_SUFFIXES]
 
     def require(self, names: Iterable[str], why: str) -> None:
         """Raise BadParameters unless all the names have a value."""
@@ -193,18 +184,22 @@ def _quantities(bodies: tuple[str, ...], shafts: tuple[str, ...], known_torques:
     return MappingProxyType(found)
 
 
-def is_constant(name: str) -> bool:
-    """Whether a parameter is the torque constant of a body, in all recordings or in one."""
-    return quantity_of(name) == torque_constant.NAME
+def mass_of(value: Callable[[str], Number]) -> Number:
+    """What the torques of a body accelerate: the parts of all effects.
+
+    value  suffix -> value of the body's parameter
+    """
+    first, *more = (effect.mass(value) for effect in EFFECTS if effect.mass is not None)
+    return sum(more, first)
 
 
 def body_shares(suffix: str, masses: Sequence[Number], ratios: Sequence[Number]) -> list[Number]:
-    """(n,) each body's own parameter for a sum of one, referred to the motor; see TOTALS.
+    """(n,) each body's own parameter for a sum of one, referred to the motor.
 
     masses  (n,) inertias of the bodies
     ratios  (n,) gear ratios: turns of the motor per turn of each body
     """
-    if suffix != "viscous":
+    if TOTAL_RULES[suffix] == "last":
         return [0.0 * ratios[0]] * (len(ratios) - 1) + [1.0 * ratios[-1]]
     referred = [mass / n / n for mass, n in zip(masses, ratios, strict=True)]
     total = sum(referred[1:], referred[0])

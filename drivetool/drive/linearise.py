@@ -13,7 +13,6 @@ import numpy as np
 
 from drivetool.drive.assemble import Assembly, Layout
 from drivetool.drive.chain import Drive
-from drivetool.drive.shaft_rows import damping_of
 from drivetool.quantity import owner_of, quantity_of
 
 MOTOR_TORQUE = "motor_torque"
@@ -93,7 +92,7 @@ def _matrices(drive: Drive) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         twist = np.zeros(n)
         twist[k], twist[k + 1] = 1.0 / ratio.v, -1.0
         stiffness += ks.v * np.outer(twist, twist)
-        damping += damping_of(plain, k).v * np.outer(twist, twist)
+        damping += plain.damping_of(k).v * np.outer(twist, twist)
     damping += np.diag([plain.of_body(k, "viscous").v for k in range(n)])
     return np.array([mass.v for mass in plain.masses]), stiffness, damping
 

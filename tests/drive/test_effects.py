@@ -10,8 +10,9 @@ from hypothesis import assume, given, settings, strategies as st
 
 from drivetool.drive import chain
 from drivetool.drive.chain import three_mass, two_mass
-from drivetool.drive.effects import imbalance
+from drivetool.drive.effects import converter, drag, imbalance, ripple, viscous
 from drivetool.drive.effects.catalogue import EFFECTS
+from drivetool.drive.effects.check import check
 from drivetool.drive.effects.induction import VOLTAGES
 from drivetool.drive.simulation.simulate import Trace
 from tests.drive.test_kernel import STEP, plant_of
@@ -91,11 +92,32 @@ def test_says_what_it_is(effect):
         assert suffix not in effect.present or quantity.neutral is not None
 
 
-def test_names_are_not_used_twice():
+def test_codes_are_not_used_twice():
     assert len({e.code for e in EFFECTS}) == len(EFFECTS)
-    for of in OWNER:
-        suffixes = [s for e in EFFECTS if e.of == of for s in e.quantities]
-        assert len(suffixes) == len(set(suffixes))
+
+
+def without_slope(w, _, time, side, p, out):
+    drag.torque(w, _, time, side, p, out)
+    out[1] = 0.0
+
+
+WRONG_EFFECTS = {
+    "two effects with one quantity": (
+        replace(drag.EFFECT, code="second", quantities={"viscous": drag.EFFECT.quantities["drag"]}),
+        "the quantity viscous of a body is declared by viscous and by second"),
+    "a law without derivative": (
+        replace(drag.EFFECT, code="third", quantities={}, torque=without_slope),
+        "the law of third does not write the derivatives of its torque into out[1:]"),
+    "a state without a start": (
+        replace(converter.EFFECT, code="fourth", quantities={}, start=None),
+        "fourth adds states and has no `start` that gives their start values"),
+}
+
+
+@pytest.mark.parametrize(("wrong", "sentence"), WRONG_EFFECTS.values(), ids=WRONG_EFFECTS)
+def test_a_wrong_effect_is_one_sentence_when_the_catalogue_is_built(wrong, sentence):
+    with pytest.raises(ValueError, match=f"^{re.escape(sentence)}$"):
+        check((viscous.EFFECT, wrong))
 
 
 @EACH_DAMPING_LAW
@@ -140,7 +162,7 @@ def test_an_effect_acts_where_the_speed_alone_is_measured(effect):
 def test_a_further_law_over_an_angle_needs_its_declaration_only(monkeypatch):
     def stamp(assembly, body):
         if assembly.acts(body, "cogging"):
-            assembly.law("ripple", [assembly.of_body(body, "cogging"), *map(assembly.number, (0.0, 12.0))],
+            assembly.law(ripple.torque, [assembly.of_body(body, "cogging"), *map(assembly.number, (0.0, 12.0))],
                          assembly.angle_of(body), body=body)
 
     force = replace(imbalance.EFFECT.quantities["imbalance_sine"], meaning="cogging torque")

@@ -243,7 +243,7 @@ def with_one_change(effect, name: str) -> tuple[Drive, Drive]:
 
 
 def test_every_effect_is_one_thing_to_the_loop():
-    tables = [LINEAR_EFFECTS, set(TANGENT_LAWS), set(SIMULATED_EFFECTS), set(LEFT_OUT_EFFECTS)]
+    tables = [LINEAR_EFFECTS, TANGENT_LAWS, set(SIMULATED_EFFECTS), set(LEFT_OUT_EFFECTS)]
     assert sum(map(len, tables)) == len(set().union(*tables)) == len(EFFECTS)
     assert set().union(*tables) == {effect.code for effect in EFFECTS}
 
@@ -271,8 +271,7 @@ def test_every_parameter_is_in_the_loop_or_is_stated_not_to_be(effect, name):
 
 
 def test_an_effect_that_the_loop_does_not_know_is_refused_by_name(monkeypatch):
-    monkeypatch.setattr(working_point, "TANGENT_LAWS",
-                        {k: v for k, v in TANGENT_LAWS.items() if k != "quadratic-drag"})
+    monkeypatch.setattr(working_point, "TANGENT_LAWS", TANGENT_LAWS - {"quadratic-drag"})
     with pytest.raises(BadParameters, match=r"load\.drag"):
         build(GEARED.with_values({"load.drag": 1e-3}), Wiring())
 

@@ -11,7 +11,7 @@ import numpy as np
 
 from drivetool.check.faults.record_faults import Fault
 from drivetool.check.fit import Model, fit_from_start
-from drivetool.drive import Assembly, Drive, Layout, closed_shaft
+from drivetool.drive import Assembly, Drive, Layout
 from drivetool.finding import Finding
 from drivetool.identify.noise import filtered, filtered_normal_equations
 from drivetool.identify.problem import schur
@@ -231,7 +231,7 @@ def shaft_torque_of(model: Model) -> tuple[np.ndarray, np.ndarray]:
     task = model.fitted
     plain = Assembly(task.drive, Layout(task.free, task.roles.inputs, task.roles.outputs, 1.0, gradient=False))
     row = np.zeros(plain.nx)
-    for j, dual in closed_shaft(plain, 0).items():
+    for j, dual in plain.closed_shaft(0).items():
         row[j] = dual.v
     states = np.concatenate([f.states[:, :plain.nx] for f in filtered(model.problem, model.point, model.noise)])
     return states @ row, states[:, 0]

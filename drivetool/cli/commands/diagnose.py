@@ -25,6 +25,7 @@ from drivetool.cli.options import (
 )
 from drivetool.cli.output import deliver, recordings_drawn_on_failure, say
 from drivetool.cli.parts import refuse_coast_downs
+from drivetool.drive import is_constant
 from drivetool.errors import BadOption
 from drivetool.files.disk import write_whole
 
@@ -76,7 +77,6 @@ def run(job: Job, held_count: int, options: DiagnoseOptions, report: str | None,
     """
     from drivetool.check import diagnose
     from drivetool.check.causes import chosen_causes
-    from drivetool.drive import is_constant
     from drivetool.files.pages import diagnosis_page
     from drivetool.files.results import (
         base_findings,

@@ -6,6 +6,7 @@ from collections.abc import Sequence
 from typing import TYPE_CHECKING
 
 from drivetool.cli.options.job import WORD_SEPARATOR, Job, Opened
+from drivetool.drive import is_constant
 from drivetool.errors import BadParameters, BadRecording
 from drivetool.files.yaml import torque_over_input
 
@@ -21,7 +22,6 @@ def units_of(job: Job, opened: Opened, loaded: Loaded, free: Sequence[str] = ())
     returns       without torque constants the torque is in the unit of the inputs, and these have none
     raises        BadRecording: recordings of several kinds; BadParameters: a torque constant is missing
     """
-    from drivetool.drive import is_constant
     from drivetool.identify.setup import electric_inputs
 
     experiments = opened.experiments
@@ -65,8 +65,6 @@ def _common_unit(what: str, units: Sequence[tuple[str, str]]) -> str:
 
 def _stated_constants(job: Job, files: Sequence[Loaded]) -> dict[str, str | None]:
     """The torque constants that have a value -> the unit in which they were given, if any."""
-    from drivetool.drive import is_constant
-
     found = {name: unit for each in reversed(files) for name, unit in each.constants.items()}
     for word in (*job.set, *(pair.partition(WORD_SEPARATOR)[2] for pair in job.record)):
         name, _, value = (part.strip() for part in word.partition("="))

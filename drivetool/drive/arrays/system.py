@@ -20,7 +20,6 @@ from drivetool.drive.arrays.table import Float1, Float2, Float3, Float4, Int1, I
 SERIES_ORDER = 11
 # Modes kept in the cache. A choice: a chain has 3^(gaps + frictions) modes, of which a record visits a few.
 MAX_CACHED_MODES = 256
-MAX_LAW_PARAMETERS = 4  # a smooth law has at most so many: the Stribeck law has three
 # Columns carried from sample to sample in one block, and width of the blocks of the remaining columns. Powers of
 # two: a block of 4 float64 fills a 256-bit vector register, one of 8 two of them.
 WIDE_BLOCK, NARROW_BLOCK = 8, 4
@@ -90,7 +89,7 @@ class Laws(NamedTuple):
 
     code            (nl,)                    which law of LAW_TORQUES
     arguments       (nl, 2, nx, 1 + nq)      its two arguments over the state
-    parameters      (nl, MAX_LAW_PARAMETERS, 1 + nq)
+    parameters      (nl, np, 1 + nq)         np: the most that one of them has
     gap             (nl,)                    gap whose contact it belongs to, or -1
     half_gap        (nl, 1 + nq)             half gap subtracted from the first argument in contact
     arguments_vary  (nl,)                    whether its arguments depend on a free parameter
@@ -98,7 +97,7 @@ class Laws(NamedTuple):
     first           ()                       first of the 3 nl states
     in_output       ()                       whether an output contains the torque of a law
 
-    Scratch: torque_jets (3, nl, 3 + MAX_LAW_PARAMETERS) torques and derivatives at start, middle and end;
+    Scratch: torque_jets (3, nl, 3 + np) torques and derivatives at start, middle and end;
     newton_matrix, matrix_scratch (2 nl, 2 nl) and torque_change (2 nl, 1), torque_columns (2 nl, ns), the equations
     of the torques at middle and end and of their sensitivities; slopes, start_slopes, middle_slopes (nl, nx);
     end_columns (first, ns); nodes (3, nx, ns + 2 nl) and term (2, nx, ns + 2 nl)

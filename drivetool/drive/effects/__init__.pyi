@@ -1,10 +1,20 @@
 from . import (
+    hardening as hardening,
     idle_torque as idle_torque,
     induction as induction,
+    load_damping as load_damping,
     load_step as load_step,
-    torque_constant as torque_constant,
 )
-from .catalogue import EFFECTS as EFFECTS, LAW_TORQUES as LAW_TORQUES
+from .catalogue import (
+    EFFECT_INPUTS as EFFECT_INPUTS,
+    EFFECTS as EFFECTS,
+    FRICTION_SUFFIXES as FRICTION_SUFFIXES,
+    GEAR_RATIO_EXPONENTS as GEAR_RATIO_EXPONENTS,
+    LAW_TORQUES as LAW_TORQUES,
+    OPTIONAL_SUFFIXES as OPTIONAL_SUFFIXES,
+    TOTAL_RULES as TOTAL_RULES,
+    TOTALS as TOTALS,
+)
 from .effect import Effect as Effect
 from .induction import (
     EFFECT as EFFECT,

@@ -7,9 +7,9 @@ from drivetool.drive.effects.effect import Effect
 from drivetool.quantity import Quantity
 
 
-def stamp(assembly, body):
-    """Add the known inertia to that of the body."""
-    assembly.carry(body, assembly.of_body(body, "added_inertia"))
+def mass(value):
+    """The known inertia."""
+    return value("added_inertia")
 
 
 EFFECT = Effect(
@@ -17,7 +17,7 @@ EFFECT = Effect(
     of="body",
     quantities={"added_inertia": Quantity(
         "{T} s^2/{q}", "inertia added to the body in some recordings", (0.0, 1e12), 1.0, 0.0)},
-    stamp=stamp,
+    mass=mass,
     law="J + J_added in the place of J",
     needs="a recording with it and one without: in one alone only the sum of both inertias shows",
     source="Swevers, Verdonck, De Schutter 2007, IEEE Control Systems Magazine 27(5): payload identification",

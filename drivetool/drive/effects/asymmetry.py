@@ -17,7 +17,7 @@ def torque(w, _, time, side, p, out):
 
 def stamp(assembly, body):
     """c + ca forward, c - ca backward."""
-    assembly.law("asymmetry", [assembly.of_body(body, "viscous_asymmetry")],
+    assembly.law(torque, [assembly.of_body(body, "viscous_asymmetry")],
                  {assembly.speed(body): assembly.number(1.0)}, body=body)
 
 
@@ -27,6 +27,7 @@ EFFECT = Effect(
     quantities={"viscous_asymmetry": Quantity(
         "{T} s/{q}", "half the difference of viscous friction forward and backward", (-1e12, 1e12), 1e-3, 0.0)},
     stamp=stamp,
+    torque=torque,
     law="T = (c + ca sgn(w)) w",
     needs="at least two speeds in either direction",
     source="Armstrong-Helouvry 1991, Control of Machines with Friction",

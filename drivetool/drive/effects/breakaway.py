@@ -35,7 +35,7 @@ def stamp(assembly, body):
     """The whole curve but for its viscous part; Coulomb friction is in it."""
     if has_breakaway(assembly, body):
         parameters = [assembly.of_body(body, s) for s in ("coulomb", "breakaway", "breakaway_speed")]
-        assembly.law("breakaway", parameters, {assembly.speed(body): assembly.number(1.0)}, body=body)
+        assembly.law(torque, parameters, {assembly.speed(body): assembly.number(1.0)}, body=body)
 
 
 EFFECT = Effect(
@@ -47,6 +47,7 @@ EFFECT = Effect(
         "breakaway_speed": Quantity("{q}/s", "speed of the breakaway torque", (1e-3, 1e6), 1e-3, 1.0),
     },
     stamp=stamp,
+    torque=torque,
     law="T = sqrt(2e) D exp(-(w/ws)^2) w/ws + Tc tanh(10 w/wb), ws = sqrt(2) wb; D = Tbrk - Tc",
     needs="speeds about the breakaway speed, as in a coast-down to standstill",
     source="Mechanical Parameter Estimation of an Induction Motor for a Digital Twin Using Coast-Down Data, "

@@ -32,7 +32,9 @@ from drivetool.drive.effects import (
     viscous,
     warm_up,
 )
+from drivetool.drive.effects.check import check
 from drivetool.drive.effects.effect import Effect
+from drivetool.quantity import name_of
 
 EFFECTS: tuple[Effect, ...] = (
     inertia.EFFECT,
@@ -65,19 +67,19 @@ EFFECTS: tuple[Effect, ...] = (
     induction.EFFECT,
 )
 
-# The smooth laws by the names under which they are stamped; the kernel uses their position. Each gives its torque
-# and the derivatives over both its arguments and over its parameters.
-LAW_TORQUES: Mapping[str, Callable] = {
-    "stribeck": stribeck.torque,
-    "breakaway": breakaway.torque,
-    "asymmetry": asymmetry.torque,
-    "drag": drag.torque,
-    "drift": drift.torque,
-    "ripple": ripple.torque,
-    "load-step": load_step.torque,
-    "hardening": hardening.torque,
-    "load-damping": load_damping.torque,
-    "product": induction.torque,
-}
+# The smooth laws; the kernel uses their position. Effects may share one.
+LAW_TORQUES: tuple[Callable, ...] = tuple(dict.fromkeys(e.torque for e in EFFECTS if e.torque is not None))
+# Parameters of which a record identifies only the sum over all bodies, referred to the motor: behind a reduction n
+# a torque counts 1/n and a friction coefficient 1/n^2.
+TOTALS: Mapping[str, str] = {name_of("total", suffix): suffix for e in EFFECTS for suffix in e.total}
+TOTAL_RULES: Mapping[str, str] = {suffix: rule for e in EFFECTS for suffix, rule in e.total.items()}
+# Power of n by which a parameter is divided when it is referred to the motor.
+GEAR_RATIO_EXPONENTS: Mapping[str, int] = {suffix: power for e in EFFECTS for suffix, power in e.referred.items()}
+FRICTION_SUFFIXES = frozenset(suffix for e in EFFECTS for suffix in e.friction)
+OPTIONAL_SUFFIXES = frozenset(suffix for e in EFFECTS if not e.required for suffix in e.quantities)
+# Roles that an effect turns into torques: no torque on a body by themselves.
+EFFECT_INPUTS = frozenset(role for e in EFFECTS for role in e.inputs)
+
+check(EFFECTS)
 
 __all__ = ["EFFECTS", "LAW_TORQUES", "Effect"]

@@ -28,5 +28,6 @@ EFFECT = Effect(
     needs="motion in both directions; many slow reversals to distinguish the bodies",
     source="Tallfors 2005, ch. 5; Nordin, Galic, Gutman 1997",
     present=("coulomb",),
+    referred={"coulomb": 1},
     friction=("coulomb",),
 )

@@ -13,7 +13,7 @@ def torque(w, _, time, side, p, out):
 
 def stamp(assembly, body):
     """-c2 w |w| on the body."""
-    assembly.law("drag", [assembly.of_body(body, "drag")], {assembly.speed(body): assembly.number(1.0)}, body=body)
+    assembly.law(torque, [assembly.of_body(body, "drag")], {assembly.speed(body): assembly.number(1.0)}, body=body)
 
 
 EFFECT = Effect(
@@ -21,6 +21,7 @@ EFFECT = Effect(
     of="body",
     quantities={"drag": Quantity("{T} s^2/{q}^2", "quadratic drag", (0.0, 1e12), 1e-3, 0.0)},
     stamp=stamp,
+    torque=torque,
     law="T = c2 w |w|",
     needs="at least three speeds, one of them high; in one record it is confused with a drift",
     source="White, Fluid Mechanics, ch. 7",

@@ -24,7 +24,7 @@ def stamp(assembly, body):
     if slides:
         assembly.friction(body, assembly.number(0.0))
     parameters = [assembly.of_body(body, s) for s in ("drift_coulomb", "drift_viscous", "drift_time")]
-    assembly.law("drift", parameters, {assembly.speed(body): assembly.number(1.0)}, body=body, slides=slides)
+    assembly.law(torque, parameters, {assembly.speed(body): assembly.number(1.0)}, body=body, slides=slides)
 
 
 EFFECT = Effect(
@@ -37,6 +37,7 @@ EFFECT = Effect(
         "drift_time": Quantity("s", "time constant of warming up", (1e-2, 1e6), 0.1, 10.0),
     },
     stamp=stamp,
+    torque=torque,
     law="T = (Td sgn(w) + cd w) exp(-t/tau)",
     needs="steady running from cold for longer than the time constant; best a repeated record",
     source="Bittencourt, Gunnarsson 2012, J. Dyn. Sys. Meas. Control 134",

@@ -10,7 +10,8 @@ from drivetool.quantity import Quantity
 
 def stamp(assembly, shaft):
     """Added to the damping in contact."""
-    assembly.open_damping[shaft] = assembly.of_shaft(shaft, "gap_damping")
+    damping, more = assembly.always_damping.get(shaft), assembly.of_shaft(shaft, "gap_damping")
+    assembly.always_damping[shaft] = more if damping is None else damping + more
 
 
 EFFECT = Effect(

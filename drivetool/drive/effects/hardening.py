@@ -24,7 +24,7 @@ def stamp(assembly, shaft):
     """Added to the linear stiffness; in a shaft with a gap over the twist beyond the gap."""
     extra = assembly.of_shaft(shaft, "stiffness") * assembly.of_shaft(shaft, "hardening")
     rest = [assembly.of_shaft(shaft, s) for s in ("hardening_twist", "hardening_power")]
-    assembly.law("hardening", [extra, *rest], assembly.twist(shaft), shaft=shaft)
+    assembly.law(torque, [extra, *rest], assembly.twist(shaft), shaft=shaft)
 
 
 EFFECT = Effect(
@@ -37,6 +37,7 @@ EFFECT = Effect(
         "hardening_power": Quantity("", "power of the hardening; 2 is cubic", (0.1, 10.0), 0.1, 2.0),
     },
     stamp=stamp,
+    torque=torque,
     law="Ts = ks twist (1 + h (|twist|/r)^n)",
     needs="torque levels from small to rated: the resonance rises with the preload",
     source="Nayfeh, Mook 1979, Nonlinear Oscillations; Duffing 1918",

@@ -19,5 +19,7 @@ EFFECT = Effect(
           "without a reversal",
     source="Tallfors 2005, (2.1)",
     present=("idle_torque",),
+    referred={"idle_torque": 1},
+    total={"idle_torque": "last"},  # where a rolling mill has most of it
     odd=False,
 )

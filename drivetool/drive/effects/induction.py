@@ -52,9 +52,21 @@ def stamp(assembly, _motor):
         if VOLTAGES[axis] in assembly.layout.inputs:
             assembly.torque(stator[axis], assembly.nx + assembly.layout.inputs.index(VOLTAGES[axis]), one)
         speed, pairs = {assembly.speed(0): one}, own["pole_pairs"]
-        assembly.law("product", [-sign * pairs], speed, {rotor[other]: one}, body=rotor[axis])
+        assembly.law(torque, [-sign * pairs], speed, {rotor[other]: one}, body=rotor[axis])
         strength = sign * VECTOR_POWER_SCALE * pairs * mutual
-        assembly.law("product", [strength], {stator[other]: one}, {rotor[axis]: one}, body=0)
+        assembly.law(torque, [strength], {stator[other]: one}, {rotor[axis]: one}, body=0)
+
+
+def states(assembly, motor):
+    """The fluxes, where the motor's torque is computed from its stator voltages."""
+    return FLUXES if assembly.acts(motor, "magnetizing_inductance") else ()
+
+
+def start(drive, _motor, speeds, inputs):
+    """The steady fluxes of the first voltage at that speed."""
+    voltage = complex(*(inputs.get(role, 0.0) for role in VOLTAGES))
+    steady = np.linalg.solve(flux_dynamics(drive, speeds[0]), [-voltage, 0.0])
+    return [part for flux in steady for part in (flux.real, flux.imag)]
 
 
 EFFECT = Effect(
@@ -73,6 +85,10 @@ EFFECT = Effect(
                                      (0.0, 1e4), 50.0, 0.0),
     },
     stamp=stamp,
+    torque=torque,
+    states=states,
+    start=start,
+    inputs=VOLTAGES,
     law="T = 1.5 p Im(conj(p_s) i_s); p_s' = u - Rs i_s - j we p_s, p_r' = -Rr i_r - j (we - p w) p_r",
     needs="the voltages at the stator, and a run-up",
     source="Mechanical Parameter Estimation of an Induction Motor for a Digital Twin Using Coast-Down Data, "

@@ -16,7 +16,7 @@ def torque(twist, rate, time, side, p, out):
 def stamp(assembly, shaft):
     """On top of the constant damping."""
     factor = assembly.of_shaft(shaft, "stiffness") * assembly.of_shaft(shaft, "load_damping")
-    assembly.law("load-damping", [factor], assembly.twist(shaft), assembly.twist_rate(shaft), shaft=shaft)
+    assembly.law(torque, [factor], assembly.twist(shaft), assembly.twist_rate(shaft), shaft=shaft)
 
 
 EFFECT = Effect(
@@ -25,6 +25,7 @@ EFFECT = Effect(
     quantities={"load_damping": Quantity(
         "s/{q}", "shaft damping per torque of its spring", (0.0, 1e12), 1e-6, 0.0)},
     stamp=stamp,
+    torque=torque,
     law="Ts = ks twist + (cs + d |ks twist|) d(twist)/dt",
     needs="ringing at several levels of preload",
     source="Lazan 1968, Damping of Materials and Members",

@@ -16,6 +16,7 @@ def torque(_, __, time, side, p, out):
     out[3] = -s * s * (3.0 - 2.0 * s)
     out[0] = p[0, 0] * out[3]
     out[4] = p[0, 0] * 6.0 * s * (1.0 - s) / p[2, 0]
+    out[5] = out[4] * (time - p[1, 0]) / p[2, 0]
 
 
 def stamp(assembly, body):
@@ -23,7 +24,7 @@ def stamp(assembly, body):
     for step in STEP_NAMES:
         if assembly.acts(body, f"{step}_torque"):
             parameters = [assembly.of_body(body, f"{step}_{what}") for what in ("torque", "time")]
-            assembly.law("load-step", [*parameters, assembly.number(2.0 * assembly.layout.step)], {}, body=body)
+            assembly.law(torque, [*parameters, assembly.number(2.0 * assembly.layout.step)], {}, body=body)
 
 
 def has_record_steps(values: Mapping[str, float]) -> bool:
@@ -52,6 +53,7 @@ EFFECT = Effect(
     of="body",
     quantities={f"{step}_{what}": quantity for step in STEP_NAMES for what, quantity in STEP_QUANTITIES.items()},
     stamp=stamp,
+    torque=torque,
     law="T = A for t > t0",
     needs="a stretch of motion before and after; a repeated record distinguishes it from a drift",
     source="Basseville, Nikiforov 1993, Detection of Abrupt Changes",

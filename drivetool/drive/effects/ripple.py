@@ -29,7 +29,7 @@ def stamp(assembly, body):
     for ripple in RIPPLES:
         if assembly.acts(body, f"{ripple}_sine") or assembly.acts(body, f"{ripple}_cosine"):
             parameters = [assembly.of_body(body, f"{ripple}_{what}") for what in RIPPLE_QUANTITIES]
-            assembly.law("ripple", parameters, assembly.angle_of(body), body=body)
+            assembly.law(torque, parameters, assembly.angle_of(body), body=body)
 
 
 EFFECT = Effect(
@@ -37,6 +37,7 @@ EFFECT = Effect(
     of="body",
     quantities={f"{ripple}_{what}": quantity for ripple in RIPPLES for what, quantity in RIPPLE_QUANTITIES.items()},
     stamp=stamp,
+    torque=torque,
     law="T = a sin(n angle) + b cos(n angle), added to the torque that drives the body",
     needs="motion over many periods of the ripple, slow enough to sample it",
     source="Jahns, Soong 1996, IEEE Trans. Ind. Electron. 43(2)",

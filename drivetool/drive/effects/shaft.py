@@ -6,7 +6,9 @@ from drivetool.quantity import Quantity
 
 def stamp(assembly, shaft):
     """Ts = ks twist + cs d(twist)/dt, twist = angle/ratio - next angle; -Ts/ratio acts on the first body."""
-    assembly.shafts.append(tuple(assembly.of_shaft(shaft, s) for s in ("stiffness", "damping", "ratio")))
+    stiffness, damping, ratio = (assembly.of_shaft(shaft, s) for s in ("stiffness", "damping", "ratio"))
+    assembly.shafts.append((stiffness, damping, ratio))
+    assembly.always_damping[shaft] = damping
 
 
 EFFECT = Effect(

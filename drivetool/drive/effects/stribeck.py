@@ -24,7 +24,7 @@ def stamp(assembly, body):
     """The surplus while the body slides; a sticking body is held by up to Tc + Ts."""
     assembly.friction(body, assembly.number(0.0))
     parameters = [assembly.of_body(body, s) for s in ("stribeck", "stribeck_speed", "stribeck_power")]
-    assembly.law("stribeck", parameters, {assembly.speed(body): assembly.number(1.0)}, body=body, slides=True)
+    assembly.law(torque, parameters, {assembly.speed(body): assembly.number(1.0)}, body=body, slides=True)
 
 
 EFFECT = Effect(
@@ -37,6 +37,7 @@ EFFECT = Effect(
                                    (1.0, 4.0), 0.1, 2.0),
     },
     stamp=stamp,
+    torque=torque,
     law="T = (Tc + Ts exp(-(|w|/ws)^n)) sgn(w); |T| <= Tc + Ts at w = 0",
     needs="many slow reversals: speeds of the order of the Stribeck speed",
     source="Armstrong-Helouvry, Dupont, Canudas de Wit 1994, Automatica 30(7)",

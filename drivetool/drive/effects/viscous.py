@@ -18,5 +18,7 @@ EFFECT = Effect(
     needs="at least two speeds; from motor torque and motor speed alone only the sum over the bodies",
     source="Tallfors 2005, (2.1)",
     present=("viscous",),
+    referred={"viscous": 2},
+    total={"viscous": "inertia"},  # all bodies then decay at one rate, Tallfors 2005 sec. 5.4
     friction=("viscous",),
 )

@@ -4,6 +4,7 @@ One oil, one temperature: if only the motor is measured, a record cannot identif
 law fixes it.
 """
 
+from drivetool.drive.effects import drift
 from drivetool.drive.effects.effect import Effect
 from drivetool.quantity import Quantity
 
@@ -15,7 +16,7 @@ def stamp(assembly, _drive):
     for body in range(assembly.n):
         slides = assembly.acts(body, "coulomb")
         level = coulomb_share * assembly.of_body(body, "coulomb") if slides else assembly.number(0.0)
-        assembly.law("drift", [level, viscous_share * assembly.of_body(body, "viscous"), time],
+        assembly.law(drift.torque, [level, viscous_share * assembly.of_body(body, "viscous"), time],
                      {assembly.speed(body): assembly.number(1.0)}, body=body, slides=slides)
 
 
@@ -28,6 +29,7 @@ EFFECT = Effect(
         "drift_time": Quantity("s", "time constant of warming up", (1e-2, 1e6), 0.1, 10.0),
     },
     stamp=stamp,
+    torque=drift.torque,
     law="T = (sd Tc sgn(w) + sv c w) exp(-t/tau), shares of the warm friction of every body",
     needs="steady running from cold for longer than the time constant; best a repeated record",
     source="Bittencourt, Gunnarsson 2012, J. Dyn. Sys. Meas. Control 134",

@@ -31,7 +31,7 @@ def _branch(number: int, law: Callable, others: Callable) -> Callable:
 
 
 _dispatch = _no_law
-for _number, _torque in reversed(tuple(enumerate(LAW_TORQUES.values()))):
+for _number, _torque in reversed(tuple(enumerate(LAW_TORQUES))):
     _dispatch = _branch(_number, COMPILE_LAW(_torque), _dispatch)
 
 

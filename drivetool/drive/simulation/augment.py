@@ -9,7 +9,7 @@ from __future__ import annotations
 import numpy as np
 
 from drivetool.drive import Assembly, Drive, Dual, Law, Layout
-from drivetool.drive.arrays import MAX_LAW_PARAMETERS, MAX_SIZED_LAWS, MOST_STATES, SIZED_STATE_COUNTS, Laws, System
+from drivetool.drive.arrays import MAX_SIZED_LAWS, MOST_STATES, SIZED_STATE_COUNTS, Laws, System
 from drivetool.drive.compile import address
 from drivetool.drive.effects import LAW_TORQUES
 from drivetool.drive.simulation.simulate import Plant
@@ -26,9 +26,9 @@ MAX_DECAY_CONSTANTS = 2.0
 
 def plant_of(drive: Drive, layout: Layout) -> Plant:
     """The drive with a layout, ready to simulate."""
-    dead_time = drive.value("converter.dead_time") or 0.0
-    system, laws = augmented(Assembly(drive, layout))
-    return Plant(system, int(dead_time / layout.step + 1e-9), laws, drive.value("converter.interpolation") or 0.0)
+    assembly = Assembly(drive, layout)
+    dead_time = 0.0 if assembly.dead_time is None else assembly.dead_time.v
+    return Plant(*augmented(assembly), int(dead_time / layout.step + 1e-9), assembly.interpolation)
 
 
 def augmented(assembly: Assembly) -> tuple[System, Laws | None]:
@@ -91,7 +91,8 @@ def _law_rows(assembly: Assembly, law: Law) -> list[tuple[int, Dual]]:
 
 def _law_arrays(assembly: Assembly, s: System, first: int) -> Laws:
     nl, jet = len(assembly.laws), 1 + s.nq
-    arguments, parameters = np.zeros((nl, 2, s.nx, jet)), np.zeros((nl, MAX_LAW_PARAMETERS, jet))
+    most_parameters = max(len(law.parameters) for law in assembly.laws)
+    arguments, parameters = np.zeros((nl, 2, s.nx, jet)), np.zeros((nl, most_parameters, jet))
     gap, friction = np.full(nl, -1, np.int64), np.full(nl, -1, np.int64)
     half_gap, frictions = np.zeros((nl, jet)), sorted(assembly.frictions)
     for m, law in enumerate(assembly.laws):
@@ -106,13 +107,13 @@ def _law_arrays(assembly: Assembly, s: System, first: int) -> Laws:
         if law.slides:
             friction[m] = frictions.index(law.body)
     arguments_vary = arguments[..., 1:].any(axis=(1, 2, 3)).astype(np.int64)
-    code = np.array([list(LAW_TORQUES).index(law.name) for law in assembly.laws], np.int64)
+    code = np.array([LAW_TORQUES.index(law.torque) for law in assembly.laws], np.int64)
     ns = s.ns
     sized = f"_{first}_{nl}" if s.nu == 1 and first <= MOST_STATES and nl <= MAX_SIZED_LAWS else ""
     in_output = bool(s.outputs[:, first:, 0].any())
     return Laws(
         code, arguments, parameters, gap, half_gap, arguments_vary, friction, first, in_output,
-        np.zeros((3, nl, 3 + MAX_LAW_PARAMETERS)), np.zeros((2 * nl, 2 * nl)), np.zeros((2 * nl, 2 * nl)),
+        np.zeros((3, nl, 3 + most_parameters)), np.zeros((2 * nl, 2 * nl)), np.zeros((2 * nl, 2 * nl)),
         np.zeros((2 * nl, 1)), np.zeros((2 * nl, ns)),
         np.zeros((nl, s.nx)), np.zeros((nl, s.nx)), np.zeros((nl, s.nx)), np.zeros((first, ns)),
         np.zeros((3, s.nx, ns + 2 * nl)), np.zeros((2, s.nx, ns + 2 * nl)),

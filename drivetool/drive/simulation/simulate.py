@@ -82,8 +82,8 @@ class Plant:
     """
 
     system: System
-    delay_samples: int = 0
     laws: Laws | None = None
+    delay_samples: int = 0
     interpolation: float = 0.0
     cache: Cache = field(init=False)
     tables: tuple[np.ndarray, ...] = field(init=False)

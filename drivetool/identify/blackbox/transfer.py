@@ -147,7 +147,7 @@ class TransferForm:
             np.full(1, -1, np.int64), np.full(1, shown, np.int64),
             np.array([part, h - part]) if self.dead_time else np.array([h]), int(bool(self.dead_time)),
             np.zeros(jet - 1), keep,
-            nx, nz - nx - 1, jet - 1, 0, 0, 1, ns, nx), whole)
+            nx, nz - nx - 1, jet - 1, 0, 0, 1, ns, nx), delay_samples=whole)
 
 
 def form_of(drive: Drive, inputs: Sequence[str], angle: bool) -> TransferForm:

@@ -6,7 +6,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from drivetool.drive import Assembly, Layout, in_contact
+from drivetool.drive import Assembly, Layout
 from drivetool.finding import Finding
 from drivetool.identify.noise import Noise, filtered, fit_ratio
 from drivetool.identify.setup import Task, first_point, with_trial_values
@@ -60,7 +60,7 @@ def shaft_torque_row(task: Task, shaft: int, step: float) -> tuple[Assembly, np.
     """(the drive's equations, (nx,) torque of a shaft over its states if its gap were closed)."""
     plain = Assembly(task.drive, Layout((), task.roles.inputs, task.roles.outputs, step, gradient=False))
     spring = np.zeros(plain.nx)
-    for j, dual in in_contact(plain, shaft, task.drive.damping_law == "inside").items():
+    for j, dual in plain.in_contact(shaft).items():
         spring[j] = dual.v
     return plain, spring
 

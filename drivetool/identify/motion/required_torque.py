@@ -11,8 +11,6 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from drivetool.drive import Assembly, Drive, Law, Layout, is_constant
-from drivetool.drive.arrays import MAX_LAW_PARAMETERS
-from drivetool.drive.effects import LAW_TORQUES
 from drivetool.errors import BadOption
 from drivetool.identify.motion.motion import Motion
 from drivetool.quantity import owner_of
@@ -90,18 +88,18 @@ def required_torque_of(drive: Drive, free: Sequence[str], motion: Motion, step: 
 
 def _torque_of_law(law: Law, state: Mapping[int, np.ndarray], motion: Motion, k: int) -> np.ndarray:
     """(n, 1 + k) torque of a smooth law at every sample, and its derivatives."""
-    torque, n = LAW_TORQUES[law.name], len(motion.speed)
+    n = len(motion.speed)
     arguments = np.zeros((2, n, 1 + k))
     for i, row in enumerate((law.first, law.second)):
         for column, factor in row.items():
             arguments[i] += np.outer(state[column], factor.jet()[:1 + k])
     parameters = np.array([p.jet()[:1 + k] for p in law.parameters])
     side = motion.side if law.slides else np.ones(n)
-    out, found = np.zeros((n, 3 + MAX_LAW_PARAMETERS)), np.zeros((n, 1 + k))
+    out, found = np.zeros((n, 3 + len(parameters))), np.zeros((n, 1 + k))
     for i in np.flatnonzero(np.isfinite(motion.speed)):
-        torque(arguments[0, i, 0], arguments[1, i, 0], motion.time[i], side[i], parameters, out[i])
+        law.torque(arguments[0, i, 0], arguments[1, i, 0], motion.time[i], side[i], parameters, out[i])
     found[:, 0] = out[:, 0]
     found[:, 1:] = out[:, 1, None] * arguments[0, :, 1:] + out[:, 2, None] * arguments[1, :, 1:]
-    found[:, 1:] += out[:, 3:3 + len(parameters)] @ parameters[:, 1:]
+    found[:, 1:] += out[:, 3:] @ parameters[:, 1:]
     found[~np.isfinite(motion.speed)] = np.nan
     return found

@@ -299,19 +299,12 @@ def _steady_start_state(drive: Drive, roles: Roles, trace: Trace, free: Sequence
         shaft_torque /= ratio.v
     with_known_states(plain.states, trace, x)
     _set_angles(plain, roles, trace, x)
-    if plain.fed_by_voltages():
-        _set_fluxes(plain, roles, trace, x)
-    if "converter" in plain.states:
-        x[plain.states.index("converter")] = trace.inputs[0, 0]
+    first = dict(zip(roles.inputs, trace.inputs[0].tolist(), strict=True))
+    for effect, owner, names in plain.own_states:
+        # A lag of lower order has fewer states than start values.
+        for name, value in zip(names, effect.start(drive, owner, x[:n], first), strict=False):
+            x[plain.states.index(name)] = trace.start.get(name, value)
     return x
-
-
-def _set_fluxes(plain: Assembly, roles: Roles, trace: Trace, x: np.ndarray) -> None:
-    """Set the fluxes to the steady ones of the first voltage at that speed, unless they are known."""
-    voltage = [trace.inputs[0, roles.inputs.index(r)] if r in roles.inputs else 0.0 for r in induction.VOLTAGES]
-    steady = np.linalg.solve(induction.flux_dynamics(plain.drive, x[0]), [-complex(*voltage), 0.0])
-    for name, value in zip(induction.FLUXES, (p for flux in steady for p in (flux.real, flux.imag)), strict=True):
-        x[plain.states.index(name)] = trace.start.get(name, value)
 
 
 def with_known_states(states: Sequence[str], trace: Trace, x: np.ndarray) -> np.ndarray:

@@ -15,7 +15,7 @@ import numpy as np
 from scipy.optimize import brentq
 
 from drivetool.drive import MOTOR_TORQUE, TOTALS, Assembly, Drive, Law, Layout
-from drivetool.drive.effects import LAW_TORQUES
+from drivetool.drive.effects import EFFECTS, hardening, load_damping
 from drivetool.errors import BadParameters
 from drivetool.quantity import name_of, record_of
 
@@ -23,9 +23,8 @@ from drivetool.quantity import name_of, record_of
 LINEAR_EFFECTS = frozenset({"inertia", "added-inertia", "carried-mass", "clamp", "viscous", "shaft",
                             "converter-lag",
                             "damping-in-gap", "dead-time", "friction-factor", "speed-filter"})
-TANGENT_LAWS: Mapping[str, str] = MappingProxyType({  # code -> its law
-    "stribeck": "stribeck", "breakaway": "breakaway", "asymmetric-friction": "asymmetry", "quadratic-drag": "drag",
-    "hardening-stiffness": "hardening", "load-dependent-damping": "load-damping"})
+TANGENT_LAWS = frozenset({"stribeck", "breakaway", "asymmetric-friction", "quadratic-drag", "hardening-stiffness",
+                          "load-dependent-damping"})
 SIMULATED_EFFECTS: Mapping[str, str] = MappingProxyType({
     "coulomb": "constant for one direction of motion; only the simulation includes it",
     "idle-torque": "constant; only the simulation includes it",
@@ -139,16 +138,16 @@ def _body_tangent(plain: Assembly, index: int, body: str, speed: float) -> dict[
 
 def _shaft_tangent(plain: Assembly, index: int, shaft: str, torque: float) -> dict[str, float]:
     """Stiffness and damping of a shaft for small swings about the torque that it carries."""
-    laws = {law.name: law for law in _laws_with_tangent(plain, shaft=index)}
+    laws = {law.torque: law for law in _laws_with_tangent(plain, shaft=index)}
     if not laws:
         return {}
     stiffness, damping, _ = (dual.v for dual in plain.shafts[index])
     twist, tangent = torque / stiffness, stiffness
-    if "hardening" in laws:
-        twist = _twist_under_torque(laws["hardening"], stiffness, torque, shaft)
-        tangent += _torque_and_slope(laws["hardening"], twist)[1]
-    if "load-damping" in laws:
-        damping += _torque_and_slope(laws["load-damping"], twist, 1.0)[0]
+    if hardens := laws.get(hardening.torque):
+        twist = _twist_under_torque(hardens, stiffness, torque, shaft)
+        tangent += _torque_and_slope(hardens, twist)[1]
+    if damps := laws.get(load_damping.torque):
+        damping += _torque_and_slope(damps, twist, 1.0)[0]
     return {name_of(shaft, "stiffness"): float(tangent), name_of(shaft, "damping"): float(damping)}
 
 
@@ -168,12 +167,12 @@ def _twist_under_torque(law: Law, stiffness: float, torque: float, shaft: str) -
 
 def _laws_with_tangent(plain: Assembly, body: int = -1, shaft: int = -1) -> Sequence[Law]:
     """The laws of one body or shaft that have a tangent."""
-    return [law for law in plain.laws if law.name in TANGENT_LAWS.values()
-            and (law.body, law.shaft) == (body, shaft)]
+    tangent = {effect.torque for effect in EFFECTS if effect.code in TANGENT_LAWS}
+    return [law for law in plain.laws if law.torque in tangent and (law.body, law.shaft) == (body, shaft)]
 
 
 def _torque_and_slope(law: Law, first: float, second: float = 0.0, side: float = 1.0) -> tuple[float, float]:
     """(torque of a law, its slope over the first argument)."""
     parameters, out = np.array([p.jet() for p in law.parameters]), np.zeros(3 + len(law.parameters))
-    LAW_TORQUES[law.name](first, second, 0.0, side, parameters, out)
+    law.torque(first, second, 0.0, side, parameters, out)
     return float(out[0]), float(out[1])
