@@ -9,7 +9,7 @@ import math
 from dataclasses import dataclass, fields
 
 BODY = {"stribeck": 0.0, "stribeck_speed": 1.0, "stribeck_power": 2.0, "coulomb_back": math.nan,
-        "viscous_back": math.nan, "quadratic": 0.0}
+        "viscous_back": math.nan, "quadratic": 0.0, "lugre_stiffness": 0.0, "lugre_damping": 0.0}
 SHAFT = {"hardening_twist": math.inf, "hardening_power": 2.0, "damping_torque": math.inf}
 
 
@@ -21,6 +21,9 @@ class Effects:
                      exp(-(|w| / stribeck_speed)^power), breakaway coulomb + stribeck
     coulomb_back, viscous_back  (n,) of negative motion; NaN: as in the other direction
     quadratic        (n,) [Nm s^2/rad^2] torque c2 w |w| against the motion
+    lugre_stiffness, lugre_damping  (n,) [Nm/rad], [Nm s/rad] s0, s1 of Canudas de Wit et al. 1995: where s0 is
+                     positive, the sliding friction g(w) as above acts through a bristle and never sticks:
+                     torque s0 z + s1 dz/dt against the motion, dz/dt = w - s0 |w| z / g(w)
     hardening_twist, hardening_power  (n-1,) [rad], [-]: torque k phi (1 + (|phi| / twist)^power)
                      of the elastic deflection phi
     damping_torque   (n-1,) [Nm] T0: damping c (1 + |elastic torque| / T0)
@@ -40,6 +43,8 @@ class Effects:
     coulomb_back: tuple[float, ...] = ()
     viscous_back: tuple[float, ...] = ()
     quadratic: tuple[float, ...] = ()
+    lugre_stiffness: tuple[float, ...] = ()
+    lugre_damping: tuple[float, ...] = ()
     hardening_twist: tuple[float, ...] = ()
     hardening_power: tuple[float, ...] = ()
     damping_torque: tuple[float, ...] = ()

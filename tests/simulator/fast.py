@@ -61,9 +61,10 @@ def simulate_fast(machine: Machine, torque: np.ndarray, step: float, start: Stat
     whole, rest = split_dead_time(machine.dead_time, step)
     timing = (float(step), step / (substeps(machine, step) * finer), float(whole), float(rest),
               float(start.torque))
-    states = np.zeros((kernel.ROWS, 2 * n + 3))
-    states[kernel.NOW] = (*start.speeds, *start.twists, start.angle, start.torque, start.torque_rate,
-                          start.speeds[0])
+    bristles = np.multiply(plant[kernel.BRK, :n], start.bristles or 0.0) if machine.lugre else ()
+    first = (*start.speeds, *start.twists, start.angle, start.torque, start.torque_rate, start.speeds[0], *bristles)
+    states = np.zeros((kernel.ROWS, len(first)))
+    states[kernel.NOW] = first
     kept, commands = np.zeros((torque.size, 5 * n)), np.zeros(torque.size)
     at = kernel.whole_record(states, plant, mode, signals, control, timing, kept, commands)
     if at >= 0:
@@ -76,18 +77,20 @@ def plant_of(machine: Machine) -> np.ndarray:
     m, e, n = machine, machine.effects, machine.bodies
     body = {name: np.array(getattr(m, name)) for name in ("inertia", "viscous", "coulomb")}
     body |= {name: np.array(e.of(name, n)) for name in (
-        "viscous_back", "coulomb_back", "stribeck", "stribeck_speed", "stribeck_power", "quadratic")}
+        "viscous_back", "coulomb_back", "stribeck", "stribeck_speed", "stribeck_power", "quadratic",
+        "lugre_stiffness", "lugre_damping")}
     for name in ("viscous", "coulomb"):
         back = f"{name}_back"
         body[back] = np.where(np.isnan(body[back]), body[name], body[back])
     body["idle"] = np.array(m.idle_torque)
-    body["direction_dependent"] = ((body["coulomb"] > 0) | (body["coulomb_back"] > 0) | (body["stribeck"] > 0)
-                     | (body["viscous_back"] != body["viscous"]))
+    body["direction_dependent"] = (body["lugre_stiffness"] == 0) & (
+        (body["coulomb"] > 0) | (body["coulomb_back"] > 0) | (body["stribeck"] > 0)
+        | (body["viscous_back"] != body["viscous"]))
     shaft = {name: np.array(getattr(m, name)) for name in ("stiffness", "damping", "half_gap", "ratio")}
     shaft |= {name: np.array(e.of(name, n - 1)) for name in (
         "hardening_twist", "hardening_power", "damping_torque")}
     path = (m.converter_bandwidth or 0.0, m.converter_damping, *e.ripple, *e.ripple2, *e.imbalance, *e.drift,
-            *e.load_step, e.filter_time, float(m.law == "always"))
+            *e.load_step, e.filter_time, float(m.law == "always"), n, (2 * n + 3) * bool(m.lugre))
     rows = [*(body[name] for name in kernel.BODY), *(shaft[name] for name in kernel.SHAFT), path]
     table = np.zeros((len(rows), max(n, len(path))))
     for row, values in zip(table, rows, strict=True):
@@ -111,6 +114,8 @@ def substeps(machine: Machine, step: float) -> int:
         fastest += [np.sqrt(stiffness * harder * ease), damping * (1.0 + most / torque) * ease]
     for i, (extra, speed) in enumerate(zip(e.of("stribeck", n), e.of("stribeck_speed", n), strict=True)):
         fastest.append(extra / speed / m.inertia[i])
+    for inertia, s0, s1 in zip(m.inertia, e.of("lugre_stiffness", n), e.of("lugre_damping", n), strict=True):
+        fastest += [np.sqrt(s0 / inertia), s1 / inertia]
     smooth = not (any(m.half_gap) or any(m.coulomb) or any(e.stribeck) or e.coulomb_back or e.viscous_back
                   or e.hardening_twist or e.damping_torque)
     return max(3 if smooth else 6, int(np.ceil(3.0 * step * max(fastest))))
@@ -124,8 +129,11 @@ def _trajectory(machine, kept, commands, step, counts, y) -> Trajectory:
     for k, ratio in enumerate(machine.ratio):
         angles[:, k + 1] = angles[:, k] / ratio - twists[:, k]
     lagged = machine.converter_bandwidth is not None
-    end = State(tuple(y[:n]), tuple(y[n:2 * n - 1]), float(y[2 * n - 1]),
-                float(y[2 * n]) if lagged else float(commands[-1]), float(y[2 * n + 1]) if lagged else 0.0)
+    s0 = machine.effects.of("lugre_stiffness", n)
+    bristles = [y[2 * n + 3 + i] / s0[i] if s0[i] else 0.0 for i in range(n)] if machine.lugre else ()
+    torque, rate = y[2 * n:2 * n + 2] if lagged else (commands[-1], 0.0)
+    end = State(tuple(y[:n]), tuple(y[n:2 * n - 1]), float(y[2 * n - 1]), float(torque), float(rate),
+                tuple(bristles))
     events = Counter(dict(zip(EVENTS, counts[:5].tolist(), strict=True)))
     return Trajectory(
         np.arange(len(kept)) * step, speeds.copy(), angles, torques.copy(), commands, kept[:, 3 * n - 1],

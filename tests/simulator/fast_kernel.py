@@ -1,7 +1,8 @@
 """The equations of `laws.py` compiled: fixed small Runge-Kutta steps of order 8, events by bisection.
 
 Written independently of the plain simulator and of drivetool's kernel; a test compares it with the former.
-State: n speeds, n-1 twists, angle of body 0, converter torque and rate, filtered speed of body 0.
+State: n speeds, n-1 twists, angle of body 0, converter torque and rate, filtered speed of body 0; with LuGre
+friction n torques s0 z of bristles.
 """
 
 from __future__ import annotations
@@ -15,21 +16,22 @@ from scipy.integrate import DOP853
 A, B, C = (np.ascontiguousarray(a) for a in (DOP853.A[:12, :12], DOP853.B, DOP853.C[:12]))
 STAGES = 12
 SPEED_NOISE = 1e-14
+KINK_NOISE = 1e-12
 TWIST_NOISE = 1e-15
 MAX_EVENTS_PER_SAMPLE = 1000
 
 # Everything about the machine is one array, a row per quantity and a column per body or shaft, and
 # the states of the integrator are another: compiled calls pay for every array they are handed.
 BODY = ("inertia", "viscous", "viscous_back", "coulomb", "coulomb_back", "stribeck", "stribeck_speed",
-        "stribeck_power", "quadratic", "idle", "direction_dependent")
-JN, VIS, VBK, COU, CBK, STR, SSP, SPO, QUA, IDL, ROU = range(len(BODY))
+        "stribeck_power", "quadratic", "idle", "direction_dependent", "lugre_stiffness", "lugre_damping")
+JN, VIS, VBK, COU, CBK, STR, SSP, SPO, QUA, IDL, ROU, BRK, BRC = range(len(BODY))
 SHAFT = ("stiffness", "damping", "half_gap", "ratio", "hardening_twist", "hardening_power", "damping_torque")
 KS, CS, GAP, RAT, HTW, HPO, DTO = range(len(BODY), len(BODY) + len(SHAFT))
 PATH = ("bandwidth", "zeta", "ripple", "order", "ripple_phase", "ripple2", "order2", "ripple2_phase",
         "imbalance", "imbalance_ratio", "imbalance_phase", "drift", "drift_time",
-        "load_step", "load_time", "filter_time", "always")
+        "load_step", "load_time", "filter_time", "always", "bodies", "bristles")
 LINE = len(BODY) + len(SHAFT)
-W0, ZETA, RIP, ORD, RPH, RI2, OR2, RP2, IMB, IRA, IPH, DRI, DTI, LST, LTI, FIL, ALW = range(len(PATH))
+W0, ZETA, RIP, ORD, RPH, RI2, OR2, RP2, IMB, IRA, IPH, DRI, DTI, LST, LTI, FIL, ALW, NUM, BRI = range(len(PATH))
 # Rows of the modes: contact states, slip states, counts of events.
 CONTACT, SLIP, EVENTS = range(3)
 MADE, LOST, STUCK, RELEASED, REVERSED = range(5)
@@ -40,15 +42,15 @@ Input = namedtuple("Input", ("command", "noise", "load"))
 
 
 @njit(cache=True, error_model="numpy")
-def bodies(x):
-    """Number of bodies, from the length of the state."""
-    return (x.shape[1] - 3) // 2
+def bodies(p):
+    """Number of bodies."""
+    return int(p[LINE, NUM])
 
 
 @njit(cache=True, error_model="numpy")
 def one_side(x, at, k, side, p):
     """Torque of shaft k as if it touched on `side` (+1, -1; 0 without gap)."""
-    n = bodies(x)
+    n = bodies(p)
     rate = x[at, k] / p[RAT, k] - x[at, k + 1]
     bend = x[at, n + k] - side * p[GAP, k]
     elastic = p[KS, k] * bend
@@ -89,12 +91,14 @@ def friction_factor(t, p):
 @njit(cache=True, error_model="numpy")
 def net_torques(x, at, t, u, p, mode):
     """All torques on each body except its Coulomb and Stribeck friction, into row NET."""
-    n, factor = bodies(x), friction_factor(t, p)
+    n, factor = bodies(p), friction_factor(t, p)
     for i in range(n):
         w = x[at, i]
-        back = mode[SLIP, i] < 0 if p[ROU, i] > 0.0 else w < 0.0
+        back = mode[SLIP, i] < 0 if p[ROU, i] > 0.0 or p[BRK, i] > 0.0 else w < 0.0
         viscous = p[VBK, i] if back else p[VIS, i]
         x[NET, i] = -viscous * factor * w - p[IDL, i] - p[QUA, i] * w * abs(w)
+        if p[BRK, i] > 0.0:
+            x[NET, i] -= x[at, bristle(i, p)] + p[BRC, i] * bending(x, at, i, t, p, mode)
     x[NET, 0] += (x[at, 2 * n] if p[LINE, W0] > 0.0 else u.command) + u.noise
     if p[LINE, RIP] != 0.0:
         x[NET, 0] += p[LINE, RIP] * np.sin(p[LINE, ORD] * x[at, 2 * n - 1] + p[LINE, RPH])
@@ -113,6 +117,28 @@ def net_torques(x, at, t, u, p, mode):
 
 
 @njit(cache=True, error_model="numpy")
+def sliding(w, i, t, p, mode):
+    """Coulomb and Stribeck friction of a body that slides."""
+    held = (p[COU, i] if mode[SLIP, i] > 0 else p[CBK, i]) * friction_factor(t, p)
+    if p[STR, i] > 0.0:
+        held += p[STR, i] * np.exp(-(abs(w) / p[SSP, i]) ** p[SPO, i])
+    return held
+
+
+@njit(cache=True, error_model="numpy")
+def bristle(i, p):
+    """Where the state has the torque of body i's bristle."""
+    return int(p[LINE, BRI]) + i
+
+
+@njit(cache=True, error_model="numpy")
+def bending(x, at, i, t, p, mode):
+    """dz/dt of the bristle of body i, whose slip state is the sign of its speed."""
+    w = x[at, i]
+    return w - mode[SLIP, i] * w * x[at, bristle(i, p)] / sliding(w, i, t, p, mode)
+
+
+@njit(cache=True, error_model="numpy")
 def level(i, way, t, p):
     """Torque that body i can hold against motion in direction `way`."""
     coulomb = p[COU, i] if way > 0 else p[CBK, i]
@@ -122,7 +148,7 @@ def level(i, way, t, p):
 @njit(cache=True, error_model="numpy")
 def derivative(x, at, to, t, u, p, mode):
     """d/dt of the state in the current mode, from row `at` into row `to`."""
-    n = bodies(x)
+    n = bodies(p)
     net_torques(x, at, t, u, p, mode)
     for i in range(n):
         force, way = x[NET, i], mode[SLIP, i]
@@ -130,11 +156,10 @@ def derivative(x, at, to, t, u, p, mode):
             if way == 0:
                 force = 0.0
             else:
-                held = (p[COU, i] if way > 0 else p[CBK, i]) * friction_factor(t, p)
-                if p[STR, i] > 0.0:
-                    held += p[STR, i] * np.exp(-(abs(x[at, i]) / p[SSP, i]) ** p[SPO, i])
-                force -= way * held
+                force -= way * sliding(x[at, i], i, t, p, mode)
         x[to, i] = force / p[JN, i]
+        if p[BRK, i] > 0.0:
+            x[to, bristle(i, p)] = p[BRK, i] * bending(x, at, i, t, p, mode)
     for k in range(n - 1):
         x[to, n + k] = x[at, k] / p[RAT, k] - x[at, k + 1]
     x[to, 2 * n - 1] = x[at, 0]
@@ -181,7 +206,7 @@ def direction(x, i, t, u, p, mode):
 @njit(cache=True, error_model="numpy")
 def violated(x, at, t, u, p, mode):
     """(shaft or n-1 + body, new contact or slip) of the first guard that fails; (-1, 0) if none."""
-    n = bodies(x)
+    n = bodies(p)
     for k in range(n - 1):
         if p[GAP, k] > 0.0:
             noise = p[KS, k] * (1e-15 + 1e-13 * p[GAP, k])
@@ -197,6 +222,8 @@ def violated(x, at, t, u, p, mode):
             return k, -mode[CONTACT, k]
     known = False
     for i in range(n):
+        if p[BRK, i] > 0.0 and mode[SLIP, i] * x[at, i] < -KINK_NOISE:
+            return n - 1 + i, -mode[SLIP, i]
         if p[ROU, i] > 0.0:
             if mode[SLIP, i] != 0:
                 if mode[SLIP, i] * x[at, i] < -SPEED_NOISE:
@@ -215,13 +242,16 @@ def violated(x, at, t, u, p, mode):
 @njit(cache=True, error_model="numpy")
 def leave(which, new, x, t, u, p, mode):
     """Change the mode at an event; a body that halts gets exactly zero speed."""
-    n = bodies(x)
+    n = bodies(p)
     if which < n - 1:
         mode[CONTACT, which] = new
         if p[GAP, which] > 0.0:
             mode[EVENTS, MADE if new else LOST] += 1
         return
     i = which - (n - 1)
+    if p[BRK, i] > 0.0:
+        mode[SLIP, i] = new
+        return
     if new:
         mode[SLIP, i] = new
         mode[EVENTS, RELEASED] += 1
@@ -237,7 +267,10 @@ def leave(which, new, x, t, u, p, mode):
 @njit(cache=True, error_model="numpy")
 def settle(x, t, u, p, mode):
     """Choose slip states after the torques may have jumped."""
-    for i in range(bodies(x)):
+    for i in range(bodies(p)):
+        if p[BRK, i] > 0.0:
+            net_torques(x, NOW, t, u, p, mode)
+            mode[SLIP, i] = 1 if x[NOW, i] > 0.0 or (x[NOW, i] == 0.0 and x[NET, i] >= 0.0) else -1
         if p[ROU, i] == 0.0:
             continue
         before = mode[SLIP, i]
@@ -247,6 +280,16 @@ def settle(x, t, u, p, mode):
         mode[SLIP, i] = now
         if now != before and x[NOW, i] == 0.0:
             mode[EVENTS, RELEASED if before == 0 else (REVERSED if now else STUCK)] += 1
+
+
+@njit(cache=True, error_model="numpy")
+def bristle_step(x, t, p, mode):
+    """A third of the shortest time in which a bristle gets used to its speed."""
+    fastest = 0.0
+    for i in range(bodies(p)):
+        if p[BRK, i] > 0.0:
+            fastest = max(fastest, 3.0 * p[BRK, i] * abs(x[NOW, i]) / sliding(x[NOW, i], i, t, p, mode))
+    return 1.0 / fastest if fastest > 0.0 else np.inf
 
 
 @njit(cache=True, error_model="numpy")
@@ -265,7 +308,8 @@ def advance(x, t, length, longest, u, p, mode):
         left = end - t
         if left <= 1e-16:
             return True
-        h = longest if left > 1.000001 * longest else left
+        most = longest if p[LINE, BRI] == 0.0 else min(longest, bristle_step(x, t, p, mode))
+        h = most if left > 1.000001 * most else left
         step_ahead(x, t, h, u, p, mode)
         if violated(x, NEXT, t + h, u, p, mode)[0] >= 0:
             low = 0.0
@@ -287,7 +331,7 @@ def advance(x, t, length, longest, u, p, mode):
 @njit(cache=True, error_model="numpy")
 def begin(x, p, mode):
     """Choose the contact states that belong to the state."""
-    for k in range(bodies(x) - 1):
+    for k in range(bodies(p) - 1):
         mode[CONTACT, k] = 0
         if p[GAP, k] > 0.0:
             if one_side(x, NOW, k, 1, p) > 0.0:
@@ -295,7 +339,7 @@ def begin(x, p, mode):
             elif one_side(x, NOW, k, -1, p) < 0.0:
                 mode[CONTACT, k] = -1
         elif load_dependent(k, p):
-            mode[CONTACT, k] = 1 if x[NOW, bodies(x) + k] >= 0.0 else -1
+            mode[CONTACT, k] = 1 if x[NOW, bodies(p) + k] >= 0.0 else -1
 
 
 @njit(cache=True, error_model="numpy")
@@ -310,7 +354,7 @@ def whole_record(x, p, mode, signals, control, timing, kept, commands):
     commands  (samples,) filled
     returns   sample at which there were too many events, or -1
     """
-    n, samples = bodies(x), commands.size
+    n, samples = bodies(p), commands.size
     step, longest, whole, rest, before = timing
     integral = control[2]
     begin(x, p, mode)
@@ -352,7 +396,7 @@ def whole_record(x, p, mode, signals, control, timing, kept, commands):
 @njit(cache=True, error_model="numpy")
 def keep(row, x, seen, u, p, mode):
     """All that is kept of one instant."""
-    n = bodies(x)
+    n = bodies(p)
     row[: 2 * n] = x[NOW, : 2 * n]
     for k in range(n - 1):
         torque = shaft_torque(x, NOW, k, p, mode)

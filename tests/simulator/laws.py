@@ -5,7 +5,9 @@ Coulomb friction (+1, 0 stuck, -1). Within it every law is smooth. Plain Python 
 handful of states they are faster than small arrays.
 
 State vector: speeds, twists, angle of body 0 since the start of the sample, with a converter its
-torque and torque rate, with a sensor filter the filtered speed, with friction that drifts the time.
+torque and torque rate, with a sensor filter the filtered speed, with friction that drifts the time,
+with LuGre friction the torques s0 z of the bristles. The slip state of such a body is the sign of its speed
+(its law has a kink there); it is never stuck.
 Twists are states of their own because the difference of two large angles would lose the digits that
 the shaft torque needs.
 """
@@ -19,6 +21,7 @@ from dataclasses import dataclass
 from tests.simulator.machine import Machine
 
 SPEED_NOISE = 1e-14
+KINK_NOISE = 1e-12  # [rad/s] of speeds at which LuGre friction, which does not jump, need not know the sign
 
 
 class Laws:
@@ -35,7 +38,8 @@ class Laws:
         self.command = self.disturbance = self.load = self.turned = 0.0
         self.gapped = [k for k in range(n - 1) if machine.half_gap[k] > 0]
         self.body = _bodies(machine)
-        self.direction_dependent = [i for i, b in enumerate(self.body) if b.direction_dependent]
+        self.direction_dependent = [i for i, b in enumerate(self.body)
+                                    if b.direction_dependent and i not in machine.lugre]
         self.contact = [0] * (n - 1)
         self.slip = [0] * n
         self.events: Counter[str] = Counter()
@@ -54,6 +58,8 @@ class Laws:
         size = 2 * n + 2 * self.converter
         self.filtered = size if e.filter_time > 0 else None
         self.clock = size + (e.filter_time > 0) if e.drift[0] else None
+        # Body -> where its bristle's torque is in the state vector.
+        self.bristle = {i: size + (e.filter_time > 0) + bool(e.drift[0]) + j for j, i in enumerate(machine.lugre)}
 
     def begin(self, x: list[float]) -> None:
         """Choose the contact states that belong to state x; call once before the first piece."""
@@ -107,12 +113,14 @@ class Laws:
         return (b.coulomb if way > 0 else b.coulomb_back) * self.friction_factor(x) + b.stribeck
 
     def net_torques(self, x: list[float]) -> list[float]:
-        """(n,) sum of all torques on each body except its Coulomb and Stribeck friction [Nm]."""
+        """(n,) sum of all torques on each body except its set-valued friction [Nm]."""
         n, e, worn, net = self.n, self.machine.effects, self.friction_factor(x), []
         for i, b in enumerate(self.body):
             back = self.slip[i] < 0 if b.direction_dependent else x[i] < 0
             viscous = (b.viscous_back if back else b.viscous) * worn
             net.append(-viscous * x[i] - b.idle - b.quadratic * x[i] * abs(x[i]))
+        for i, at in self.bristle.items():
+            net[i] -= x[at] + self.body[i].lugre_damping * self._bending(x, i)
         net[0] += (x[2 * n] if self.converter else self.command) + self.disturbance
         net[-1] -= self.load
         angle = self.turned + x[2 * n - 1]
@@ -148,7 +156,12 @@ class Laws:
             rates.append((x[0] - x[self.filtered]) / self.machine.effects.filter_time)
         if self.clock is not None:
             rates.append(1.0)
+        rates += [self.body[i].lugre_stiffness * self._bending(x, i) for i in self.bristle]
         return rates
+
+    def _bending(self, x: list[float], i: int) -> float:
+        """dz/dt of the bristle of a body [rad/s]."""
+        return x[i] - self.slip[i] * x[i] * x[self.bristle[i]] / self._sliding(x, i)
 
     def _sliding(self, x: list[float], i: int) -> float:
         """Coulomb and Stribeck friction of a body that slides [Nm]."""
@@ -168,7 +181,7 @@ class Laws:
         for i in self.direction_dependent:
             values += [self.slip[i] * x[i]] if self.slip[i] else [
                 self.hold(x, i, 1) - net[i], self.hold(x, i, -1) + net[i]]
-        return values
+        return values + [self.slip[i] * x[i] for i in self.bristle]
 
     def exits(self) -> list[tuple[str, int, int, float]]:
         """(kind, index, new contact or slip, rounding error of the guard) for every guard."""
@@ -184,7 +197,7 @@ class Laws:
                 found.append(("halt", i, 0, SPEED_NOISE))
             else:
                 found += [("release", i, 1, noise), ("release", i, -1, noise)]
-        return found
+        return found + [("turn", i, -self.slip[i], KINK_NOISE) for i in self.bristle]
 
     def leave(self, y, kind: str, index: int, new: int) -> None:
         """Change the mode at an event; a body that halts gets exactly zero speed in y."""
@@ -194,6 +207,8 @@ class Laws:
         elif kind == "release":
             self.slip[index] = new
             self.events["released"] += 1
+        elif kind == "turn":
+            self.slip[index] = new
         else:
             y[index] = 0.0
             before, now = self.slip[index], self._direction(y.tolist(), index)
@@ -215,6 +230,8 @@ class Laws:
             self.slip[i] = now
             if now != before and y[i] == 0.0:
                 self.events["released" if not before else "reversed" if now else "stuck"] += 1
+        for i in self.bristle:
+            self.slip[i] = 1 if (y[i] or self.net_torques(y.tolist())[i]) >= 0.0 else -1
 
     def _direction(self, x: list[float], body: int) -> int:
         """Where a body at standstill goes: nowhere while friction can hold it."""
@@ -234,6 +251,8 @@ class _Body:
     stribeck_speed: float
     stribeck_power: float
     quadratic: float
+    lugre_stiffness: float
+    lugre_damping: float
     idle: float
 
     @property
@@ -248,7 +267,7 @@ def _bodies(machine: Machine) -> list[_Body]:
     for viscous, back, coulomb, other, *rest in zip(
             machine.viscous, e.of("viscous_back", n), machine.coulomb, e.of("coulomb_back", n),
             e.of("stribeck", n), e.of("stribeck_speed", n), e.of("stribeck_power", n), e.of("quadratic", n),
-            machine.idle_torque, strict=True):
+            e.of("lugre_stiffness", n), e.of("lugre_damping", n), machine.idle_torque, strict=True):
         found.append(_Body(viscous, viscous if math.isnan(back) else back, coulomb,
                            coulomb if math.isnan(other) else other, *rest))
     return found

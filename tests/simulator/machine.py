@@ -66,11 +66,20 @@ class Machine:
         if min(unsigned) < 0 or self.law not in ("inside", "always"):
             raise ValueError("friction, damping, gap and dead time must not be negative; "
                              "law is inside or always")
+        back = self.effects.of("coulomb_back", n)
+        if any(self.coulomb[i] <= 0 or back[i] <= 0 for i in self.lugre):
+            raise ValueError("LuGre friction needs a Coulomb level on its body, in both directions")
 
     @property
     def bodies(self) -> int:
         """Number of bodies."""
         return len(self.inertia)
+
+    @property
+    def lugre(self) -> tuple[int, ...]:
+        """Bodies with LuGre friction."""
+        stiffness = self.effects.of("lugre_stiffness", self.bodies)
+        return tuple(i for i, s0 in enumerate(stiffness) if s0)
 
     @property
     def is_linear(self) -> bool:
@@ -87,6 +96,7 @@ class State:
     angle        of body 0 [rad]
     torque       [Nm] behind the converter, and the command in force before the first sample
     torque_rate  [Nm/s] behind the converter
+    bristles     (n,) [rad] z of LuGre friction; empty is zero
     """
 
     speeds: tuple[float, ...]
@@ -94,6 +104,7 @@ class State:
     angle: float = 0.0
     torque: float = 0.0
     torque_rate: float = 0.0
+    bristles: tuple[float, ...] = ()
 
 
 def at_rest(machine: Machine) -> State:
@@ -104,7 +115,8 @@ def at_rest(machine: Machine) -> State:
 def running(machine: Machine, speed: float, load_torque: float = 0.0) -> State:
     """Steady running of body 0 at `speed` [rad/s]; `torque` is what keeps it there.
 
-    At zero speed Coulomb friction is counted as zero, the middle of what it can hold.
+    At zero speed Coulomb friction is counted as zero, the middle of what it can hold. The Stribeck effect is
+    not counted, and bristles of LuGre friction are not bent yet.
     """
     speeds = [speed]
     for ratio in machine.ratio:

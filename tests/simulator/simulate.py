@@ -168,13 +168,17 @@ def _vector(machine: Machine, start: State) -> np.ndarray:
     converter = [start.torque, start.torque_rate] if machine.converter_bandwidth is not None else []
     effects = machine.effects
     extra = [start.speeds[0]] * (effects.filter_time > 0) + [0.0] * bool(effects.drift[0])
-    return np.array([*start.speeds, *start.twists, 0.0, *converter, *extra], float)
+    s0, bent = effects.of("lugre_stiffness", machine.bodies), start.bristles or (0.0,) * machine.bodies
+    bristles = [s0[i] * bent[i] for i in machine.lugre]
+    return np.array([*start.speeds, *start.twists, 0.0, *converter, *extra, *bristles], float)
 
 
 def _state(machine: Machine, y: np.ndarray, angle: float, laws: Laws) -> State:
     n, x = machine.bodies, y.tolist()
     torque, rate = x[2 * n:2 * n + 2] if laws.converter else (laws.command, 0.0)
-    return State(tuple(x[:n]), tuple(x[n:2 * n - 1]), angle, torque, rate)
+    bristles = tuple(x[laws.bristle[i]] / laws.body[i].lugre_stiffness if i in laws.bristle else 0.0
+                     for i in range(n)) if laws.bristle else ()
+    return State(tuple(x[:n]), tuple(x[n:2 * n - 1]), angle, torque, rate, bristles)
 
 
 def _row(laws: Laws, x: list[float], angle: float, measured: float) -> list[float]:

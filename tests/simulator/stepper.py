@@ -18,7 +18,7 @@ class Stepper:
 
     def __init__(self, laws: Laws, rtol: float, atol: float):
         self.laws, self.rtol, self.atol = laws, rtol, atol
-        self.guarded = bool(laws.gapped or laws.direction_dependent)
+        self.guarded = bool(laws.exits())
         self.good_step = np.inf
 
     def advance(self, y: np.ndarray, length: float) -> np.ndarray:
