@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections import Counter
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -62,7 +62,9 @@ def simulate_fast(machine: Machine, torque: np.ndarray, step: float, start: Stat
     timing = (float(step), step / (substeps(machine, step) * finer), float(whole), float(rest),
               float(start.torque))
     bristles = np.multiply(plant[kernel.BRK, :n], start.bristles or 0.0) if machine.lugre else ()
-    first = (*start.speeds, *start.twists, start.angle, start.torque, start.torque_rate, start.speeds[0], *bristles)
+    places = start.places_in(machine) if machine.places else ()
+    first = (*start.speeds, *start.twists, start.angle, start.torque, start.torque_rate, start.speeds[0],
+             *bristles, *places)
     states = np.zeros((kernel.ROWS, len(first)))
     states[kernel.NOW] = first
     kept, commands = np.zeros((torque.size, 5 * n)), np.zeros(torque.size)
@@ -90,7 +92,8 @@ def plant_of(machine: Machine) -> np.ndarray:
     shaft |= {name: np.array(e.of(name, n - 1)) for name in (
         "hardening_twist", "hardening_power", "damping_torque")}
     path = (m.converter_bandwidth or 0.0, m.converter_damping, *e.ripple, *e.ripple2, *e.imbalance, *e.drift,
-            *e.load_step, e.filter_time, float(m.law == "always"), n, (2 * n + 3) * bool(m.lugre))
+            *e.load_step, e.filter_time, float(m.law == "always"), n, (2 * n + 3) * bool(m.lugre),
+            (2 * n + 3 + n * bool(m.lugre)) * bool(m.places))
     rows = [*(body[name] for name in kernel.BODY), *(shaft[name] for name in kernel.SHAFT), path]
     table = np.zeros((len(rows), max(n, len(path))))
     for row, values in zip(table, rows, strict=True):
@@ -112,6 +115,7 @@ def substeps(machine: Machine, step: float) -> int:
         most = 2.0 * (m.rated_torque or 0.0)
         harder = 1.0 + (power + 1.0) * max(1.0, most / stiffness / twist) ** power if twist < np.inf else 1.0
         fastest += [np.sqrt(stiffness * harder * ease), damping * (1.0 + most / torque) * ease]
+    fastest += [m.stiffness[k] / m.damping[k] for k in m.places]
     for i, (extra, speed) in enumerate(zip(e.of("stribeck", n), e.of("stribeck_speed", n), strict=True)):
         fastest.append(extra / speed / m.inertia[i])
     for inertia, s0, s1 in zip(m.inertia, e.of("lugre_stiffness", n), e.of("lugre_damping", n), strict=True):
@@ -134,6 +138,9 @@ def _trajectory(machine, kept, commands, step, counts, y) -> Trajectory:
     torque, rate = y[2 * n:2 * n + 2] if lagged else (commands[-1], 0.0)
     end = State(tuple(y[:n]), tuple(y[n:2 * n - 1]), float(y[2 * n - 1]), float(torque), float(rate),
                 tuple(bristles))
+    if machine.places:
+        inside = (y[k - (n - 1)] if k in machine.places else b for k, b in enumerate(end.places_in(machine)))
+        end = replace(end, places=tuple(inside))
     events = Counter(dict(zip(EVENTS, counts[:5].tolist(), strict=True)))
     return Trajectory(
         np.arange(len(kept)) * step, speeds.copy(), angles, torques.copy(), commands, kept[:, 3 * n - 1],

@@ -2,7 +2,7 @@
 
 Written independently of the plain simulator and of drivetool's kernel; a test compares it with the former.
 State: n speeds, n-1 twists, angle of body 0, converter torque and rate, filtered speed of body 0; with LuGre
-friction n torques s0 z of bristles.
+friction n torques s0 z of bristles, with the law "contact" n-1 places in the gaps.
 """
 
 from __future__ import annotations
@@ -29,9 +29,10 @@ SHAFT = ("stiffness", "damping", "half_gap", "ratio", "hardening_twist", "harden
 KS, CS, GAP, RAT, HTW, HPO, DTO = range(len(BODY), len(BODY) + len(SHAFT))
 PATH = ("bandwidth", "zeta", "ripple", "order", "ripple_phase", "ripple2", "order2", "ripple2_phase",
         "imbalance", "imbalance_ratio", "imbalance_phase", "drift", "drift_time",
-        "load_step", "load_time", "filter_time", "always", "bodies", "bristles")
+        "load_step", "load_time", "filter_time", "always", "bodies", "bristles", "places")
 LINE = len(BODY) + len(SHAFT)
-W0, ZETA, RIP, ORD, RPH, RI2, OR2, RP2, IMB, IRA, IPH, DRI, DTI, LST, LTI, FIL, ALW, NUM, BRI = range(len(PATH))
+(W0, ZETA, RIP, ORD, RPH, RI2, OR2, RP2, IMB, IRA, IPH, DRI, DTI, LST, LTI, FIL, ALW, NUM, BRI,
+ PLA) = range(len(PATH))
 # Rows of the modes: contact states, slip states, counts of events.
 CONTACT, SLIP, EVENTS = range(3)
 MADE, LOST, STUCK, RELEASED, REVERSED = range(5)
@@ -132,6 +133,18 @@ def bristle(i, p):
 
 
 @njit(cache=True, error_model="numpy")
+def has_place(k, p):
+    """Whether the place of shaft k in its gap is a state."""
+    return p[LINE, PLA] > 0.0 and p[GAP, k] > 0.0 and p[CS, k] > 0.0
+
+
+@njit(cache=True, error_model="numpy")
+def place(k, p):
+    """Where the state has it."""
+    return int(p[LINE, PLA]) + k
+
+
+@njit(cache=True, error_model="numpy")
 def bending(x, at, i, t, p, mode):
     """dz/dt of the bristle of body i, whose slip state is the sign of its speed."""
     w = x[at, i]
@@ -162,6 +175,9 @@ def derivative(x, at, to, t, u, p, mode):
             x[to, bristle(i, p)] = p[BRK, i] * bending(x, at, i, t, p, mode)
     for k in range(n - 1):
         x[to, n + k] = x[at, k] / p[RAT, k] - x[at, k + 1]
+        if has_place(k, p):
+            rate = x[to, n + k] + p[KS, k] / p[CS, k] * (x[at, n + k] - x[at, place(k, p)])
+            x[to, place(k, p)] = 0.0 if mode[CONTACT, k] else rate
     x[to, 2 * n - 1] = x[at, 0]
     w0 = p[LINE, W0]
     if w0 > 0.0 and np.isinf(p[LINE, ZETA]):
@@ -214,6 +230,10 @@ def violated(x, at, t, u, p, mode):
             if side != 0:
                 if side * one_side(x, at, k, side, p) < -noise:
                     return k, 0
+            elif has_place(k, p):
+                b = x[at, place(k, p)]
+                if p[KS, k] * (abs(b) - p[GAP, k]) > noise:
+                    return k, int(np.sign(b))
             elif one_side(x, at, k, 1, p) > noise:
                 return k, 1
             elif one_side(x, at, k, -1, p) < -noise:
@@ -245,6 +265,8 @@ def leave(which, new, x, t, u, p, mode):
     n = bodies(p)
     if which < n - 1:
         mode[CONTACT, which] = new
+        if new and has_place(which, p):
+            x[NOW, place(which, p)] = new * p[GAP, which]
         if p[GAP, which] > 0.0:
             mode[EVENTS, MADE if new else LOST] += 1
         return
@@ -334,9 +356,10 @@ def begin(x, p, mode):
     for k in range(bodies(p) - 1):
         mode[CONTACT, k] = 0
         if p[GAP, k] > 0.0:
-            if one_side(x, NOW, k, 1, p) > 0.0:
+            b = x[NOW, place(k, p)] if has_place(k, p) else 0.0
+            if one_side(x, NOW, k, 1, p) > 0.0 and not (has_place(k, p) and b < p[GAP, k]):
                 mode[CONTACT, k] = 1
-            elif one_side(x, NOW, k, -1, p) < 0.0:
+            elif one_side(x, NOW, k, -1, p) < 0.0 and not (has_place(k, p) and b > -p[GAP, k]):
                 mode[CONTACT, k] = -1
         elif load_dependent(k, p):
             mode[CONTACT, k] = 1 if x[NOW, bodies(p) + k] >= 0.0 else -1

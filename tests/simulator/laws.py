@@ -7,7 +7,7 @@ handful of states they are faster than small arrays.
 State vector: speeds, twists, angle of body 0 since the start of the sample, with a converter its
 torque and torque rate, with a sensor filter the filtered speed, with friction that drifts the time,
 with LuGre friction the torques s0 z of the bristles. The slip state of such a body is the sign of its speed
-(its law has a kink there); it is never stuck.
+(its law has a kink there); it is never stuck. With the law "contact" the places in the gaps.
 Twists are states of their own because the difference of two large angles would lose the digits that
 the shaft torque needs.
 """
@@ -43,7 +43,7 @@ class Laws:
         self.contact = [0] * (n - 1)
         self.slip = [0] * n
         self.events: Counter[str] = Counter()
-        inside = machine.law == "inside"
+        inside = machine.law != "always"  # "contact" differs within the gap only
         # z = twist + lead * rate decides on contact; extra * rate is added in any state.
         self.shafts = [
             (k, ks, (cs / ks if inside else 0.0), (0.0 if inside else cs), gap, ratio)
@@ -58,13 +58,21 @@ class Laws:
         size = 2 * n + 2 * self.converter
         self.filtered = size if e.filter_time > 0 else None
         self.clock = size + (e.filter_time > 0) if e.drift[0] else None
-        # Body -> where its bristle's torque is in the state vector.
-        self.bristle = {i: size + (e.filter_time > 0) + bool(e.drift[0]) + j for j, i in enumerate(machine.lugre)}
+        # Body -> where its bristle's torque is in the state vector; shaft -> where its place in the gap is.
+        size += (e.filter_time > 0) + bool(e.drift[0])
+        self.bristle = {i: size + j for j, i in enumerate(machine.lugre)}
+        self.place = {k: size + len(machine.lugre) + j for j, k in enumerate(machine.places)}
 
     def begin(self, x: list[float]) -> None:
         """Choose the contact states that belong to state x; call once before the first piece."""
         for k in self.gapped:
-            self.contact[k] = (self.touch(x, k, 1) > 0) - (self.touch(x, k, -1) < 0)
+            up, down = self.ends(x, k)
+            self.contact[k] = (up and self.touch(x, k, 1) > 0) - (down and self.touch(x, k, -1) < 0)
+
+    def ends(self, x: list[float], k: int) -> tuple[bool, bool]:
+        """Whether shaft k may touch on the upper and on the lower side, if its twist wants to."""
+        gap = self.machine.half_gap[k]
+        return (x[self.place[k]] >= gap, x[self.place[k]] <= -gap) if k in self.place else (True, True)
 
     def reach(self, x: list[float], k: int) -> float:
         """z of shaft k [rad]: what the dead zone acts on."""
@@ -157,6 +165,10 @@ class Laws:
         if self.clock is not None:
             rates.append(1.0)
         rates += [self.body[i].lugre_stiffness * self._bending(x, i) for i in self.bristle]
+        for k, at in self.place.items():
+            _, _, lead, _, _, ratio = self.shafts[k]
+            relaxing = x[k] / ratio - x[k + 1] + (x[self.n + k] - x[at]) / lead
+            rates.append(0.0 if self.contact[k] else relaxing)
         return rates
 
     def _bending(self, x: list[float], i: int) -> float:
@@ -175,8 +187,13 @@ class Laws:
         """Values that are positive for as long as the mode is right; order as in `exits`."""
         values = []
         for k in self.gapped:
-            side = self.contact[k]
-            values += [side * self.touch(x, k, side)] if side else [-self.touch(x, k, 1), self.touch(x, k, -1)]
+            side, gap = self.contact[k], self.machine.half_gap[k]
+            if side:
+                values.append(side * self.touch(x, k, side))
+            elif k in self.place:
+                values += [gap - x[self.place[k]], gap + x[self.place[k]]]
+            else:
+                values += [-self.touch(x, k, 1), self.touch(x, k, -1)]
         net = self.net_torques(x) if any(self.slip[i] == 0 for i in self.direction_dependent) else ()
         for i in self.direction_dependent:
             values += [self.slip[i] * x[i]] if self.slip[i] else [
@@ -203,6 +220,8 @@ class Laws:
         """Change the mode at an event; a body that halts gets exactly zero speed in y."""
         if kind == "contact":
             self.contact[index] = new
+            if new and index in self.place:
+                y[self.place[index]] = new * self.machine.half_gap[index]
             self.events["contact_made" if new else "contact_lost"] += 1
         elif kind == "release":
             self.slip[index] = new

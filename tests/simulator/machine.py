@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Literal
+from typing import Literal, get_args
 
 import numpy as np
 
 from tests.simulator.effects import NONE, Effects
 
-Law = Literal["inside", "always"]
+Law = Literal["inside", "always", "contact"]
 BODY_FIELDS = ("inertia", "viscous", "coulomb", "idle_torque")
 SHAFT_FIELDS = ("stiffness", "damping", "half_gap", "ratio")
 
@@ -28,6 +28,9 @@ class Machine:
     ratio        (n-1,) twist = angle/ratio - next angle; empty is one
     law          "inside": Ts = ks dead(twist + cs/ks d(twist)/dt, a), which never pulls;
                  "always": Ts = ks dead(twist, a) + cs d(twist)/dt
+                 "contact", of Nordin, Galic, Gutman 1997: Ts = ks (twist - b) + cs d(twist - b)/dt, where
+                 the place b in the gap, |b| <= a, is such that Ts = 0 until b is at an end of the gap and
+                 Ts has its sign
     converter_bandwidth  [rad/s] or None: T'' + 2 zeta w0 T' + w0^2 T = w0^2 u(t - dead_time);
                  of first order, T' = w0 (u(t - dead_time) - T), where converter_damping is infinite
     dead_time    [s], any fraction of a sample
@@ -63,9 +66,11 @@ class Machine:
         if min(self.inertia) <= 0 or min(self.stiffness, default=1.0) <= 0:
             raise ValueError("inertia and stiffness must be positive")
         unsigned = (*self.viscous, *self.coulomb, *self.damping, *self.half_gap, self.dead_time)
-        if min(unsigned) < 0 or self.law not in ("inside", "always"):
+        if min(unsigned) < 0 or self.law not in get_args(Law):
             raise ValueError("friction, damping, gap and dead time must not be negative; "
-                             "law is inside or always")
+                             "law is inside, always or contact")
+        if self.law == "contact" and (self.effects.hardening_twist or self.effects.damping_torque):
+            raise ValueError("law contact is of shafts with constant stiffness and damping")
         back = self.effects.of("coulomb_back", n)
         if any(self.coulomb[i] <= 0 or back[i] <= 0 for i in self.lugre):
             raise ValueError("LuGre friction needs a Coulomb level on its body, in both directions")
@@ -80,6 +85,12 @@ class Machine:
         """Bodies with LuGre friction."""
         stiffness = self.effects.of("lugre_stiffness", self.bodies)
         return tuple(i for i, s0 in enumerate(stiffness) if s0)
+
+    @property
+    def places(self) -> tuple[int, ...]:
+        """Shafts whose place in the gap is a state of its own; without damping it follows the twist."""
+        return tuple(k for k, (gap, cs) in enumerate(zip(self.half_gap, self.damping, strict=True))
+                     if self.law == "contact" and gap and cs)
 
     @property
     def is_linear(self) -> bool:
@@ -97,6 +108,7 @@ class State:
     torque       [Nm] behind the converter, and the command in force before the first sample
     torque_rate  [Nm/s] behind the converter
     bristles     (n,) [rad] z of LuGre friction; empty is zero
+    places       (n-1,) [rad] b of law "contact"; empty is the twist or the end of the gap next to it
     """
 
     speeds: tuple[float, ...]
@@ -105,6 +117,14 @@ class State:
     torque: float = 0.0
     torque_rate: float = 0.0
     bristles: tuple[float, ...] = ()
+    places: tuple[float, ...] = ()
+
+    def places_in(self, machine: Machine) -> tuple[float, ...]:
+        """(n-1,) [rad] b; ValueError outside the gap."""
+        if any(abs(b) > gap for b, gap in zip(self.places, machine.half_gap, strict=bool(self.places))):
+            raise ValueError(f"places {self.places} are not within the gaps {machine.half_gap}")
+        return self.places or tuple(
+            min(max(twist, -gap), gap) for twist, gap in zip(self.twists, machine.half_gap, strict=True))
 
 
 def at_rest(machine: Machine) -> State:

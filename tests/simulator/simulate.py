@@ -6,7 +6,7 @@ The torque is held over each sample. The controller sees the sensor, not the tru
 from __future__ import annotations
 
 from collections import Counter
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Literal, Protocol
 
 import numpy as np
@@ -170,7 +170,8 @@ def _vector(machine: Machine, start: State) -> np.ndarray:
     extra = [start.speeds[0]] * (effects.filter_time > 0) + [0.0] * bool(effects.drift[0])
     s0, bent = effects.of("lugre_stiffness", machine.bodies), start.bristles or (0.0,) * machine.bodies
     bristles = [s0[i] * bent[i] for i in machine.lugre]
-    return np.array([*start.speeds, *start.twists, 0.0, *converter, *extra, *bristles], float)
+    places = [start.places_in(machine)[k] for k in machine.places]
+    return np.array([*start.speeds, *start.twists, 0.0, *converter, *extra, *bristles, *places], float)
 
 
 def _state(machine: Machine, y: np.ndarray, angle: float, laws: Laws) -> State:
@@ -178,7 +179,11 @@ def _state(machine: Machine, y: np.ndarray, angle: float, laws: Laws) -> State:
     torque, rate = x[2 * n:2 * n + 2] if laws.converter else (laws.command, 0.0)
     bristles = tuple(x[laws.bristle[i]] / laws.body[i].lugre_stiffness if i in laws.bristle else 0.0
                      for i in range(n)) if laws.bristle else ()
-    return State(tuple(x[:n]), tuple(x[n:2 * n - 1]), angle, torque, rate, bristles)
+    end = State(tuple(x[:n]), tuple(x[n:2 * n - 1]), angle, torque, rate, bristles)
+    if not laws.place:
+        return end
+    places = (x[laws.place[k]] if k in laws.place else b for k, b in enumerate(end.places_in(machine)))
+    return replace(end, places=tuple(places))
 
 
 def _row(laws: Laws, x: list[float], angle: float, measured: float) -> list[float]:

@@ -1,4 +1,4 @@
-"""LuGre friction: closed forms and integrations written anew."""
+"""LuGre friction and the gap law "contact": closed forms and integrations written anew."""
 
 from dataclasses import replace
 
@@ -109,3 +109,105 @@ def test_lugre_besides_a_gap_and_coulomb_friction_is_the_same_in_both_simulators
 def test_lugre_wants_a_coulomb_level():
     with pytest.raises(ValueError, match="LuGre friction needs a Coulomb level"):
         Machine((1.0,), effects=Effects(lugre_stiffness=(1e4,)))
+
+
+# The gap law "contact"
+
+PLAY = Machine((0.6, 2.0), (0.1, 0.2), (), (), (3000.0,), (20.0,), (0.02,), (2.0,), law="contact")
+
+
+@BOTH
+@pytest.mark.parametrize("place", [0.0, -0.02])
+def test_a_shaft_in_its_gap_relaxes_and_passes_nothing_on(run, place):
+    """Bodies at rest: twist - b falls with k / c; in the middle of the gap neither body is pulled."""
+    made = run(PLAY, np.zeros(40), STEP, State((0.0, 0.0), (0.005,), places=(place,)))
+    assert not made.speeds.any() and not made.shaft_torques.any() and not made.contact.any()
+    left = (0.005 - place) * np.exp(-3000.0 / 20.0 * 40 * STEP)
+    assert made.end.places[0] == pytest.approx(0.005 - left, abs=1e-13)
+
+
+@BOTH
+def test_a_shaft_leaves_one_side_with_its_torque_and_meets_the_other_with_its_place(run):
+    """Bodies of great inertia: the twist is d0 + v t whatever the torque.
+
+    At b = a the torque k (d - a) + c v ends at d = a - c v / k; the bend d - b that is left then relaxes on
+    the way, so that the other side is met at d = -a, with the torque c v at once.
+    """
+    heavy = replace(PLAY, inertia=(1e9, 1e9), viscous=(), ratio=())
+    made = run(heavy, np.zeros(150), STEP, State((-0.5, 0.0), (0.0503,)))
+    twist, rest = 0.0503 - 0.5 * made.time, 20.0 * 0.5 / 3000.0
+    expected = np.where(twist > 0.02 + rest, 3000.0 * (twist - 0.02) - 10.0, 0.0)
+    expected = np.where(twist < -0.02, 3000.0 * (twist + 0.02) - 10.0, expected)
+    np.testing.assert_allclose(made.shaft_torques[:, 0], expected, atol=1e-6)
+    np.testing.assert_array_equal(made.contact[:, 0], np.sign(expected))
+    assert made.events == {"contact_lost": 1, "contact_made": 1}
+
+
+def gap_again(torque, first, inertia, half, k, c):
+    """Two bodies without friction by the cases of db/dt, each with a solver of its own."""
+    def rates(t, y, u, case):
+        bend, twisting = y[2] - y[3], y[0] - y[1]
+        moving = twisting + k / c * bend
+        through = k * bend + c * twisting if case else 0.0
+        return [(u - through) / inertia[0], through / inertia[1], twisting, 0.0 if case else moving]
+
+    def torque_of(t, y, u, case):
+        return case * (k * (y[2] - y[3]) + c * (y[0] - y[1])) if case else 1.0
+
+    def room(t, y, u, case):
+        return 1.0 if case else half - abs(y[3])
+
+    torque_of.terminal = room.terminal = True
+    torque_of.direction = room.direction = -1
+    y, case, kept = np.array(first, float), 0, []
+    for u in torque:
+        t = 0.0
+        kept.append(y)
+        while t < STEP:
+            made = solve_ivp(rates, (t, STEP), y, "DOP853", events=(torque_of, room), args=(u, case),
+                             rtol=1e-12, atol=1e-14, max_step=2e-4)
+            t, y = made.t[-1], made.y[:, -1]
+            if made.status == 1:
+                case = 0 if case else int(np.sign(y[3]))
+                y[3] = case * half if case else y[3]
+    return np.array(kept), y
+
+
+@BOTH
+def test_contact_agrees_with_an_integration_case_by_case(run):
+    machine = Machine((0.6, 2.0), (), (), (), (3000.0,), (8.0,), (0.01,), law="contact")
+    torque = waves(250, 20.0)
+    made = run(machine, torque, STEP, State((0.3, 0.0), (0.0,), places=(0.004,)))
+    expected, last = gap_again(torque, (0.3, 0.0, 0.0, 0.004), (0.6, 2.0), 0.01, 3000.0, 8.0)
+    np.testing.assert_allclose(made.speeds, expected[:, :2], atol=1e-8)
+    assert made.end.places[0] == pytest.approx(last[3], abs=1e-10)
+    assert np.min(made.shaft_torques * made.contact) >= 0.0 and made.events["contact_lost"] > 3
+    other = run(replace(machine, law="inside"), torque, STEP, State((0.3, 0.0), (0.0,)))
+    assert np.max(np.abs(other.speeds - made.speeds)) > 1e-3
+
+
+@BOTH
+def test_without_damping_or_gap_contact_is_the_other_law(run):
+    torque, start = waves(150, 20.0), State((0.3, 0.0), (0.005,))
+    for changes in ({"damping": ()}, {"half_gap": ()}):
+        machine = replace(PLAY, **changes)
+        found, wanted = (run(replace(machine, law=law), torque, STEP, start) for law in ("contact", "inside"))
+        np.testing.assert_array_equal(found.speeds, wanted.speeds)
+
+
+def test_contact_in_a_chain_with_friction_is_the_same_in_both_simulators():
+    machine = Machine((0.4, 0.7, 3.0), (0.1, 0.2, 0.3), (0.5, 0.3, 1.0), (0.0, 0.0, 2.0), (900.0, 400.0),
+                      (5.0, 8.0), (0.01, 0.03), (2.0, 0.5), "contact", 433.0, 0.69, 0.0023, effects=Effects(
+                          lugre_stiffness=(0.0, 2e3, 0.0), lugre_damping=(0.0, 1.0, 0.0)))
+    slow, fast = (run(machine, waves(400, 15.0), STEP) for run in (simulate, simulate_fast))
+    np.testing.assert_allclose(fast.speeds, slow.speeds, atol=1e-7)
+    np.testing.assert_allclose(fast.end.places, slow.end.places, atol=1e-8)
+    assert fast.events == slow.events and slow.events["contact_made"] > 3
+
+
+def test_contact_wants_a_plain_shaft_and_a_place_within_the_gap():
+    with pytest.raises(ValueError, match="constant stiffness"):
+        replace(PLAY, effects=Effects(damping_torque=(5.0,)))
+    for run in (simulate, simulate_fast):
+        with pytest.raises(ValueError, match="not within the gaps"):
+            run(PLAY, np.zeros(3), STEP, State((0.0, 0.0), (0.0,), places=(0.03,)))
