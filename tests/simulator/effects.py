@@ -10,7 +10,8 @@ from dataclasses import dataclass, fields
 
 BODY = {"stribeck": 0.0, "stribeck_speed": 1.0, "stribeck_power": 2.0, "coulomb_back": math.nan,
         "viscous_back": math.nan, "quadratic": 0.0, "lugre_stiffness": 0.0, "lugre_damping": 0.0}
-SHAFT = {"hardening_twist": math.inf, "hardening_power": 2.0, "damping_torque": math.inf}
+SHAFT = {"hardening_twist": math.inf, "hardening_power": 2.0, "damping_torque": math.inf,
+         "loss_driving": 0.0, "loss_driven": 0.0}
 
 
 @dataclass(frozen=True)
@@ -27,6 +28,12 @@ class Effects:
     hardening_twist, hardening_power  (n-1,) [rad], [-]: torque k phi (1 + (|phi| / twist)^power)
                      of the elastic deflection phi
     damping_torque   (n-1,) [Nm] T0: damping c (1 + |elastic torque| / T0)
+    loss_driving, loss_driven  (n-1,) [-] of a transmission: dry friction on the body behind the shaft, as
+                     Coulomb's, of the level loss |T|; T is the shaft's torque, which drives or is driven as it
+                     has or has not the sign of the motion (at standstill: of the motion that would be).
+                     Of one body alone (1,): T = u - rotor_inertia dw/dt, u being all torques on the motor's side
+                     (behind the converter, torque noise, ripple)
+    rotor_inertia    [kg m^2] of one body alone, the part of its inertia in front of the transmission
     ripple           (amplitude [Nm], order [-], phase [rad]): a sin(order angle + phase) is added
                      to the torque on body 0; so is ripple2
     imbalance        (amplitude [Nm], ratio [-], phase [rad]): a sin(angle / ratio + phase) opposes
@@ -48,6 +55,9 @@ class Effects:
     hardening_twist: tuple[float, ...] = ()
     hardening_power: tuple[float, ...] = ()
     damping_torque: tuple[float, ...] = ()
+    loss_driving: tuple[float, ...] = ()
+    loss_driven: tuple[float, ...] = ()
+    rotor_inertia: float = 0.0
     ripple: tuple[float, float, float] = (0.0, 1.0, 0.0)
     ripple2: tuple[float, float, float] = (0.0, 1.0, 0.0)
     imbalance: tuple[float, float, float] = (0.0, 1.0, 0.0)

@@ -57,7 +57,7 @@ def simulate_fast(machine: Machine, torque: np.ndarray, step: float, start: Stat
     control = (float(pi.gain), float(pi.reset), float(pi.start), float(pi.limit), float(pi.resolution),
                float(resolution))
     plant, n = plant_of(machine), machine.bodies
-    mode = np.zeros((3, max(n, 5)), np.int64)
+    mode = np.zeros((4, max(n, 5)), np.int64)
     whole, rest = split_dead_time(machine.dead_time, step)
     timing = (float(step), step / (substeps(machine, step) * finer), float(whole), float(rest),
               float(start.torque))
@@ -88,12 +88,15 @@ def plant_of(machine: Machine) -> np.ndarray:
     body["direction_dependent"] = (body["lugre_stiffness"] == 0) & (
         (body["coulomb"] > 0) | (body["coulomb_back"] > 0) | (body["stribeck"] > 0)
         | (body["viscous_back"] != body["viscous"]))
+    for row, name in enumerate(("loss_driving", "loss_driven")):
+        body[name] = np.array([m.losses.get(i, (0.0, 0.0))[row] for i in range(n)])
+    body["direction_dependent"] |= np.isin(np.arange(n), list(m.losses))
     shaft = {name: np.array(getattr(m, name)) for name in ("stiffness", "damping", "half_gap", "ratio")}
     shaft |= {name: np.array(e.of(name, n - 1)) for name in (
         "hardening_twist", "hardening_power", "damping_torque")}
     path = (m.converter_bandwidth or 0.0, m.converter_damping, *e.ripple, *e.ripple2, *e.imbalance, *e.drift,
             *e.load_step, e.filter_time, float(m.law == "always"), n, (2 * n + 3) * bool(m.lugre),
-            (2 * n + 3 + n * bool(m.lugre)) * bool(m.places))
+            (2 * n + 3 + n * bool(m.lugre)) * bool(m.places), e.rotor_inertia)
     rows = [*(body[name] for name in kernel.BODY), *(shaft[name] for name in kernel.SHAFT), path]
     table = np.zeros((len(rows), max(n, len(path))))
     for row, values in zip(table, rows, strict=True):
@@ -121,7 +124,7 @@ def substeps(machine: Machine, step: float) -> int:
     for inertia, s0, s1 in zip(m.inertia, e.of("lugre_stiffness", n), e.of("lugre_damping", n), strict=True):
         fastest += [np.sqrt(s0 / inertia), s1 / inertia]
     smooth = not (any(m.half_gap) or any(m.coulomb) or any(e.stribeck) or e.coulomb_back or e.viscous_back
-                  or e.hardening_twist or e.damping_torque)
+                  or e.hardening_twist or e.damping_torque or m.losses)
     return max(3 if smooth else 6, int(np.ceil(3.0 * step * max(fastest))))
 
 

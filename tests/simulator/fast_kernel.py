@@ -23,18 +23,20 @@ MAX_EVENTS_PER_SAMPLE = 1000
 # Everything about the machine is one array, a row per quantity and a column per body or shaft, and
 # the states of the integrator are another: compiled calls pay for every array they are handed.
 BODY = ("inertia", "viscous", "viscous_back", "coulomb", "coulomb_back", "stribeck", "stribeck_speed",
-        "stribeck_power", "quadratic", "idle", "direction_dependent", "lugre_stiffness", "lugre_damping")
-JN, VIS, VBK, COU, CBK, STR, SSP, SPO, QUA, IDL, ROU, BRK, BRC = range(len(BODY))
+        "stribeck_power", "quadratic", "idle", "direction_dependent", "lugre_stiffness", "lugre_damping",
+        "loss_driving", "loss_driven")
+JN, VIS, VBK, COU, CBK, STR, SSP, SPO, QUA, IDL, ROU, BRK, BRC, LDG, LDN = range(len(BODY))
 SHAFT = ("stiffness", "damping", "half_gap", "ratio", "hardening_twist", "hardening_power", "damping_torque")
 KS, CS, GAP, RAT, HTW, HPO, DTO = range(len(BODY), len(BODY) + len(SHAFT))
 PATH = ("bandwidth", "zeta", "ripple", "order", "ripple_phase", "ripple2", "order2", "ripple2_phase",
         "imbalance", "imbalance_ratio", "imbalance_phase", "drift", "drift_time",
-        "load_step", "load_time", "filter_time", "always", "bodies", "bristles", "places")
+        "load_step", "load_time", "filter_time", "always", "bodies", "bristles", "places",
+        "rotor_inertia")
 LINE = len(BODY) + len(SHAFT)
 (W0, ZETA, RIP, ORD, RPH, RI2, OR2, RP2, IMB, IRA, IPH, DRI, DTI, LST, LTI, FIL, ALW, NUM, BRI,
- PLA) = range(len(PATH))
-# Rows of the modes: contact states, slip states, counts of events.
-CONTACT, SLIP, EVENTS = range(3)
+ PLA, ROT) = range(len(PATH))
+# Rows of the modes: contact states, slip states, counts of events, signs of torques passed on with a loss.
+CONTACT, SLIP, EVENTS, PULL = range(4)
 MADE, LOST, STUCK, RELEASED, REVERSED = range(5)
 # Rows of the states after the stages: now, within a step, at its end; and torques on the bodies.
 NOW, TRIAL, NEXT, NET, ROWS = range(STAGES, STAGES + 5)
@@ -90,6 +92,17 @@ def friction_factor(t, p):
 
 
 @njit(cache=True, error_model="numpy")
+def motor_torques(x, at, u, p):
+    """Torques on body 0 from the motor's side: behind the converter with its noise, two ripples."""
+    n, ripple, ripple2 = bodies(p), 0.0, 0.0
+    if p[LINE, RIP] != 0.0:
+        ripple = p[LINE, RIP] * np.sin(p[LINE, ORD] * x[at, 2 * n - 1] + p[LINE, RPH])
+    if p[LINE, RI2] != 0.0:
+        ripple2 = p[LINE, RI2] * np.sin(p[LINE, OR2] * x[at, 2 * n - 1] + p[LINE, RP2])
+    return (x[at, 2 * n] if p[LINE, W0] > 0.0 else u.command) + u.noise, ripple, ripple2
+
+
+@njit(cache=True, error_model="numpy")
 def net_torques(x, at, t, u, p, mode):
     """All torques on each body except its Coulomb and Stribeck friction, into row NET."""
     n, factor = bodies(p), friction_factor(t, p)
@@ -100,11 +113,10 @@ def net_torques(x, at, t, u, p, mode):
         x[NET, i] = -viscous * factor * w - p[IDL, i] - p[QUA, i] * w * abs(w)
         if p[BRK, i] > 0.0:
             x[NET, i] -= x[at, bristle(i, p)] + p[BRC, i] * bending(x, at, i, t, p, mode)
-    x[NET, 0] += (x[at, 2 * n] if p[LINE, W0] > 0.0 else u.command) + u.noise
-    if p[LINE, RIP] != 0.0:
-        x[NET, 0] += p[LINE, RIP] * np.sin(p[LINE, ORD] * x[at, 2 * n - 1] + p[LINE, RPH])
-    if p[LINE, RI2] != 0.0:
-        x[NET, 0] += p[LINE, RI2] * np.sin(p[LINE, OR2] * x[at, 2 * n - 1] + p[LINE, RP2])
+    applied, ripple, ripple2 = motor_torques(x, at, u, p)
+    x[NET, 0] += applied
+    x[NET, 0] += ripple
+    x[NET, 0] += ripple2
     x[NET, n - 1] -= u.load
     if p[LINE, IMB] != 0.0:
         angle = x[at, 2 * n - 1]
@@ -152,10 +164,60 @@ def bending(x, at, i, t, p, mode):
 
 
 @njit(cache=True, error_model="numpy")
-def level(i, way, t, p):
+def loses(i, p):
+    """Whether body i is behind a transmission with losses."""
+    return p[LDG, i] > 0.0 or p[LDN, i] > 0.0
+
+
+@njit(cache=True, error_model="numpy")
+def through(x, at, i, u, p, mode):
+    """Torque that the transmission passes on to body i, if that is not accelerated where it is the first."""
+    if i > 0:
+        return shaft_torque(x, at, i - 1, p, mode)
+    applied, ripple, ripple2 = motor_torques(x, at, u, p)
+    return applied + ripple + ripple2
+
+
+@njit(cache=True, error_model="numpy")
+def level(x, at, i, way, t, u, p, mode):
     """Torque that body i can hold against motion in direction `way`."""
     coulomb = p[COU, i] if way > 0 else p[CBK, i]
-    return coulomb * friction_factor(t, p) + p[STR, i]
+    hold = coulomb * friction_factor(t, p) + p[STR, i]
+    if loses(i, p):
+        torque = through(x, at, i, u, p, mode)
+        hold += (p[LDG, i] if torque * way > 0.0 else p[LDN, i]) * abs(torque)
+    return hold
+
+
+@njit(cache=True, error_model="numpy")
+def accelerating(x, at, i, t, u, p, mode):
+    """What is left of the row NET to accelerate body i."""
+    force, way = x[NET, i], mode[SLIP, i]
+    if p[ROU, i] == 0.0:
+        return force
+    if way == 0:
+        return 0.0
+    force -= way * sliding(x[at, i], i, t, p, mode)
+    return less_loss(force, x, at, i, u, p, mode) if loses(i, p) else force
+
+
+@njit(cache=True, error_model="numpy")
+def less_loss(force, x, at, i, u, p, mode):
+    """What of a force is left behind a transmission with losses."""
+    same = mode[SLIP, i] * mode[PULL, i]
+    share = same * (p[LDG, i] if same > 0 else p[LDN, i])
+    force -= share * through(x, at, i, u, p, mode)
+    return force / (1.0 - share * p[LINE, ROT] / p[JN, i])
+
+
+@njit(cache=True, error_model="numpy")
+def transmitted(x, at, i, t, u, p, mode):
+    """Torque that the transmission passes on to body i."""
+    torque = through(x, at, i, u, p, mode)
+    if p[LINE, ROT] > 0.0:
+        net_torques(x, at, t, u, p, mode)
+        torque -= p[LINE, ROT] * accelerating(x, at, i, t, u, p, mode) / p[JN, i]
+    return torque
 
 
 @njit(cache=True, error_model="numpy")
@@ -164,13 +226,7 @@ def derivative(x, at, to, t, u, p, mode):
     n = bodies(p)
     net_torques(x, at, t, u, p, mode)
     for i in range(n):
-        force, way = x[NET, i], mode[SLIP, i]
-        if p[ROU, i] > 0.0:
-            if way == 0:
-                force = 0.0
-            else:
-                force -= way * sliding(x[at, i], i, t, p, mode)
-        x[to, i] = force / p[JN, i]
+        x[to, i] = accelerating(x, at, i, t, u, p, mode) / p[JN, i]
         if p[BRK, i] > 0.0:
             x[to, bristle(i, p)] = p[BRK, i] * bending(x, at, i, t, p, mode)
     for k in range(n - 1):
@@ -214,14 +270,14 @@ def step_ahead(x, t, h, u, p, mode):
 def direction(x, i, t, u, p, mode):
     """Where a body at standstill goes: nowhere while friction can hold it."""
     net_torques(x, NOW, t, u, p, mode)
-    if x[NET, i] > level(i, 1, t, p):
+    if x[NET, i] > level(x, NOW, i, 1, t, u, p, mode):
         return 1
-    return -1 if x[NET, i] < -level(i, -1, t, p) else 0
+    return -1 if x[NET, i] < -level(x, NOW, i, -1, t, u, p, mode) else 0
 
 
 @njit(cache=True, error_model="numpy")
 def violated(x, at, t, u, p, mode):
-    """(shaft or n-1 + body, new contact or slip) of the first guard that fails; (-1, 0) if none."""
+    """(shaft, n-1 + body or 2n-1 + body, new contact, slip or pull) of the first guard that fails; or (-1, 0)."""
     n = bodies(p)
     for k in range(n - 1):
         if p[GAP, k] > 0.0:
@@ -248,12 +304,16 @@ def violated(x, at, t, u, p, mode):
             if mode[SLIP, i] != 0:
                 if mode[SLIP, i] * x[at, i] < -SPEED_NOISE:
                     return n - 1 + i, 0
+                if loses(i, p):
+                    noise = 1e-14 * p[KS, i - 1] if i > 0 else 1e-12
+                    if mode[PULL, i] * transmitted(x, at, i, t, u, p, mode) < -noise:
+                        return 2 * n - 1 + i, -mode[PULL, i]
                 continue
             if not known:
                 net_torques(x, at, t, u, p, mode)
                 known = True
             for way in (1, -1):
-                hold = level(i, way, t, p)
+                hold = level(x, at, i, way, t, u, p, mode)
                 if way * x[NET, i] - hold > 1e-12 * hold:
                     return n - 1 + i, way
     return -1, 0
@@ -262,6 +322,26 @@ def violated(x, at, t, u, p, mode):
 @njit(cache=True, error_model="numpy")
 def leave(which, new, x, t, u, p, mode):
     """Change the mode at an event; a body that halts gets exactly zero speed."""
+    n = bodies(p)
+    if which >= 2 * n - 1:
+        mode[PULL, which - (2 * n - 1)] = new
+        return
+    change(which, new, x, t, u, p, mode)
+    choose_pulls(x, t, u, p, mode)
+
+
+@njit(cache=True, error_model="numpy")
+def choose_pulls(x, t, u, p, mode):
+    """The signs of the torques that transmissions pass on."""
+    for i in range(bodies(p)):
+        if loses(i, p):
+            mode[PULL, i] = 1
+            mode[PULL, i] = 1 if transmitted(x, NOW, i, t, u, p, mode) >= 0.0 else -1
+
+
+@njit(cache=True, error_model="numpy")
+def change(which, new, x, t, u, p, mode):
+    """Change a contact or slip state."""
     n = bodies(p)
     if which < n - 1:
         mode[CONTACT, which] = new
@@ -302,6 +382,7 @@ def settle(x, t, u, p, mode):
         mode[SLIP, i] = now
         if now != before and x[NOW, i] == 0.0:
             mode[EVENTS, RELEASED if before == 0 else (REVERSED if now else STUCK)] += 1
+    choose_pulls(x, t, u, p, mode)
 
 
 @njit(cache=True, error_model="numpy")

@@ -8,6 +8,9 @@ State vector: speeds, twists, angle of body 0 since the start of the sample, wit
 torque and torque rate, with a sensor filter the filtered speed, with friction that drifts the time,
 with LuGre friction the torques s0 z of the bristles. The slip state of such a body is the sign of its speed
 (its law has a kink there); it is never stuck. With the law "contact" the places in the gaps.
+A body behind a transmission with losses slips and sticks as with Coulomb friction, and the mode has the sign of
+the torque that is passed on to it.
+
 Twists are states of their own because the difference of two large angles would lose the digits that
 the shaft torque needs.
 """
@@ -38,10 +41,12 @@ class Laws:
         self.command = self.disturbance = self.load = self.turned = 0.0
         self.gapped = [k for k in range(n - 1) if machine.half_gap[k] > 0]
         self.body = _bodies(machine)
+        self.losses = machine.losses
         self.direction_dependent = [i for i, b in enumerate(self.body)
-                                    if b.direction_dependent and i not in machine.lugre]
+                                    if (b.direction_dependent and i not in machine.lugre) or i in self.losses]
         self.contact = [0] * (n - 1)
         self.slip = [0] * n
+        self.pull = dict.fromkeys(self.losses, 1)
         self.events: Counter[str] = Counter()
         inside = machine.law != "always"  # "contact" differs within the gap only
         # z = twist + lead * rate decides on contact; extra * rate is added in any state.
@@ -118,7 +123,26 @@ class Laws:
     def hold(self, x: list[float], i: int, way: int) -> float:
         """Torque that body i at standstill can hold against motion in direction `way` [Nm]."""
         b = self.body[i]
-        return (b.coulomb if way > 0 else b.coulomb_back) * self.friction_factor(x) + b.stribeck
+        level = (b.coulomb if way > 0 else b.coulomb_back) * self.friction_factor(x) + b.stribeck
+        if i not in self.losses:
+            return level
+        through = self._through(x, i)
+        return level + self.losses[i][through * way <= 0.0] * abs(through)
+
+    def _through(self, x: list[float], i: int) -> float:
+        """Torque that the transmission passes on to body i, if body i is not accelerated where it is the first."""
+        return self.shaft_torques(x)[i - 1] if i else sum(self._motor_torques(x))
+
+    def transmitted(self, x: list[float], i: int) -> float:
+        """Torque that the transmission passes on to body i [Nm]."""
+        rotor = self.machine.effects.rotor_inertia
+        return self._through(x, i) - (rotor * self._accelerations(x)[i] if rotor else 0.0)
+
+    def _motor_torques(self, x: list[float]) -> list[float]:
+        """Torques on body 0 from the motor's side: behind the converter with its noise, ripples."""
+        angle, e = self.turned + x[2 * self.n - 1], self.machine.effects
+        ripples = [a * math.sin(order * angle + phase) for a, order, phase in (e.ripple, e.ripple2) if a]
+        return [(x[2 * self.n] if self.converter else self.command) + self.disturbance, *ripples]
 
     def net_torques(self, x: list[float]) -> list[float]:
         """(n,) sum of all torques on each body except its set-valued friction [Nm]."""
@@ -129,12 +153,12 @@ class Laws:
             net.append(-viscous * x[i] - b.idle - b.quadratic * x[i] * abs(x[i]))
         for i, at in self.bristle.items():
             net[i] -= x[at] + self.body[i].lugre_damping * self._bending(x, i)
-        net[0] += (x[2 * n] if self.converter else self.command) + self.disturbance
+        applied, *ripples = self._motor_torques(x)
+        net[0] += applied
         net[-1] -= self.load
+        for ripple in ripples:
+            net[0] += ripple
         angle = self.turned + x[2 * n - 1]
-        for amplitude, order, phase in (e.ripple, e.ripple2):
-            if amplitude:
-                net[0] += amplitude * math.sin(order * angle + phase)
         for k, torque in enumerate(self.shaft_torques(x)):
             net[k] -= torque / self.shafts[k][5]
             net[k + 1] += torque
@@ -143,13 +167,24 @@ class Laws:
             net[-1] -= e.imbalance[0] * math.sin(angle / e.imbalance[1] + e.imbalance[2])
         return net
 
+    def _accelerations(self, x: list[float]) -> list[float]:
+        """(n,) [rad/s^2] in the current mode."""
+        net, inertia = self.net_torques(x), self.machine.inertia
+        for i in self.direction_dependent:
+            net[i] = net[i] - self.slip[i] * self._sliding(x, i) if self.slip[i] else 0.0
+        for i, shares in self.losses.items():
+            if self.slip[i]:
+                same = self.slip[i] * self.pull[i]
+                share = same * shares[same < 0]
+                net[i] -= share * self._through(x, i)
+                if i == 0:  # What accelerates the rotor does not pass the transmission.
+                    net[i] /= 1.0 - share * self.machine.effects.rotor_inertia / inertia[i]
+        return [torque / j for torque, j in zip(net, inertia, strict=True)]
+
     def derivative(self, _t, y):
         """d/dt of the state vector in the current mode."""
         x = y.tolist()
-        net = self.net_torques(x)
-        for i in self.direction_dependent:
-            net[i] = net[i] - self.slip[i] * self._sliding(x, i) if self.slip[i] else 0.0
-        rates = [torque / inertia for torque, inertia in zip(net, self.machine.inertia, strict=True)]
+        rates = self._accelerations(x)
         for k, shaft in enumerate(self.shafts):
             rates.append(x[k] / shaft[5] - x[k + 1])
         rates.append(x[0])
@@ -198,10 +233,11 @@ class Laws:
         for i in self.direction_dependent:
             values += [self.slip[i] * x[i]] if self.slip[i] else [
                 self.hold(x, i, 1) - net[i], self.hold(x, i, -1) + net[i]]
-        return values + [self.slip[i] * x[i] for i in self.bristle]
+        values += [self.slip[i] * x[i] for i in self.bristle]
+        return values + [self.pull[i] * self.transmitted(x, i) for i in self.losses if self.slip[i]]
 
     def exits(self) -> list[tuple[str, int, int, float]]:
-        """(kind, index, new contact or slip, rounding error of the guard) for every guard."""
+        """(kind, index, new contact, slip or pull, rounding error of the guard) for every guard."""
         found = []
         for k in self.gapped:
             noise = 1e-15 + 1e-13 * self.machine.half_gap[k]
@@ -214,7 +250,9 @@ class Laws:
                 found.append(("halt", i, 0, SPEED_NOISE))
             else:
                 found += [("release", i, 1, noise), ("release", i, -1, noise)]
-        return found + [("turn", i, -self.slip[i], KINK_NOISE) for i in self.bristle]
+        found += [("turn", i, -self.slip[i], KINK_NOISE) for i in self.bristle]
+        return found + [("pull", i, -self.pull[i], 1e-14 * self.shafts[i - 1][1] if i else 1e-12)
+                        for i in self.losses if self.slip[i]]
 
     def leave(self, y, kind: str, index: int, new: int) -> None:
         """Change the mode at an event; a body that halts gets exactly zero speed in y."""
@@ -228,15 +266,25 @@ class Laws:
             self.events["released"] += 1
         elif kind == "turn":
             self.slip[index] = new
+        elif kind == "pull":
+            self.pull[index] = new
+            return
         else:
             y[index] = 0.0
             before, now = self.slip[index], self._direction(y.tolist(), index)
             self.slip[index] = now
             if now != before:
                 self.events["reversed" if now else "stuck"] += 1
+        self._choose_pulls(y)
+
+    def _choose_pulls(self, y) -> None:
+        """The signs of the torques that transmissions pass on; one fits, as 1 - loss rotor / inertia > 0."""
+        for i in self.losses:
+            self.pull[i] = 1
+            self.pull[i] = 1 if self.transmitted(y.tolist(), i) >= 0.0 else -1
 
     def settle(self, y) -> None:
-        """Choose slip states after the torques may have jumped.
+        """Choose slip states and signs of passed torques after the torques may have jumped.
 
         A speed that has passed zero by a rounding error only, too little for the guard, is
         made zero in y: it is for the torques to say where the body goes from there.
@@ -251,6 +299,7 @@ class Laws:
                 self.events["released" if not before else "reversed" if now else "stuck"] += 1
         for i in self.bristle:
             self.slip[i] = 1 if (y[i] or self.net_torques(y.tolist())[i]) >= 0.0 else -1
+        self._choose_pulls(y)
 
     def _direction(self, x: list[float], body: int) -> int:
         """Where a body at standstill goes: nowhere while friction can hold it."""

@@ -74,6 +74,11 @@ class Machine:
         back = self.effects.of("coulomb_back", n)
         if any(self.coulomb[i] <= 0 or back[i] <= 0 for i in self.lugre):
             raise ValueError("LuGre friction needs a Coulomb level on its body, in both directions")
+        shares = [share for both in self.losses.values() for share in both]
+        if min(shares, default=0.0) < 0.0 or max(shares, default=0.0) > 0.9 or set(self.losses) & set(self.lugre):
+            raise ValueError("losses lie between 0 and 0.9, and not on a body with LuGre friction")
+        if not 0.0 <= self.effects.rotor_inertia < self.inertia[0] or (n > 1 and self.effects.rotor_inertia):
+            raise ValueError("the rotor is a part of the inertia of one body alone")
 
     @property
     def bodies(self) -> int:
@@ -85,6 +90,13 @@ class Machine:
         """Bodies with LuGre friction."""
         stiffness = self.effects.of("lugre_stiffness", self.bodies)
         return tuple(i for i, s0 in enumerate(stiffness) if s0)
+
+    @property
+    def losses(self) -> dict[int, tuple[float, float]]:
+        """Body behind a transmission -> what is lost of its torque, driving and driven."""
+        size = max(self.bodies - 1, 1)
+        both = zip(self.effects.of("loss_driving", size), self.effects.of("loss_driven", size), strict=True)
+        return {i: shares for i, shares in enumerate(both, start=self.bodies > 1) if any(shares)}
 
     @property
     def places(self) -> tuple[int, ...]:
@@ -145,6 +157,9 @@ def running(machine: Machine, speed: float, load_torque: float = 0.0) -> State:
     for i in reversed(range(machine.bodies)):
         through += machine.viscous[i] * speeds[i] + machine.idle_torque[i]
         through += machine.coulomb[i] * float(np.sign(speeds[i]))
+        driving, driven = machine.losses.get(i, (0.0, 0.0))
+        if through * speeds[i]:
+            through /= 1.0 - driving if through * speeds[i] > 0.0 else 1.0 + driven
         if i:
             gap = machine.half_gap[i - 1] * float(np.sign(through))
             twists.insert(0, through / machine.stiffness[i - 1] + gap)

@@ -1,4 +1,4 @@
-"""LuGre friction and the gap law "contact": closed forms and integrations written anew."""
+"""LuGre friction, the gap law "contact", losses of transmissions: closed forms and integrations written anew."""
 
 from dataclasses import replace
 
@@ -6,10 +6,11 @@ import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
 from scipy.linalg import expm
+from scipy.optimize import brentq
 
 from tests.simulator.effects import Effects
 from tests.simulator.fast import simulate_fast
-from tests.simulator.machine import Machine, State, machine_by_seed
+from tests.simulator.machine import Machine, State, machine_by_seed, running
 from tests.simulator.simulate import simulate
 
 STEP = 1e-3
@@ -211,3 +212,157 @@ def test_contact_wants_a_plain_shaft_and_a_place_within_the_gap():
     for run in (simulate, simulate_fast):
         with pytest.raises(ValueError, match="not within the gaps"):
             run(PLAY, np.zeros(3), STEP, State((0.0, 0.0), (0.0,), places=(0.03,)))
+
+
+# Losses of a transmission
+
+
+def dry_again(rates, balance, first, torque, at):
+    """(n, states) at the samples: rates(state, torque, s) of body `at` that slips in direction s, or sticks.
+
+    balance  (sum of its torques at standstill, what it can hold against that sum) of a state and a torque
+    """
+    def direction(y, u):
+        net, hold = balance(y, u)
+        return np.sign(net) * (abs(net) > hold)
+
+    def leaving(t, y, u, s):
+        net, hold = balance(y, u)
+        return s * y[at] if s else hold - abs(net)
+
+    leaving.terminal, leaving.direction = True, -1
+    kept, y = [], np.array(first, float)
+    for u in torque:
+        kept.append(y)
+        t, s = 0.0, np.sign(y[at]) or direction(y, u)
+        while t < STEP:
+            made = solve_ivp(lambda _, y, u, s: rates(y, u, s), (t, STEP), y, "DOP853", events=leaving,
+                             args=(u, s), rtol=1e-12, atol=1e-14)
+            t, y = made.t[-1], made.y[:, -1]
+            if made.status == 1:
+                y[at] = 0.0 if s else y[at]
+                s = direction(y, u) if s else np.sign(balance(y, u)[0])
+    return np.array(kept)
+
+
+LOSSY = Machine((0.6, 2.0), (0.1, 0.2), (0.0, 1.0), (0.0, 4.0), (3000.0,), (8.0,), (), (2.0,), effects=Effects(
+    loss_driving=(0.2,), loss_driven=(0.5,)))
+# The motor and its gear, whose rotor is half of the inertia.
+GEARED = Machine((2.0,), (0.2,), (1.0,), (3.0,), effects=Effects(
+    loss_driving=(0.2,), loss_driven=(0.5,), rotor_inertia=1.2))
+
+
+@BOTH
+@pytest.mark.parametrize(("speed", "load", "sent"), [(3.0, 10.0, 10.0 / 0.8), (-3.0, 10.0, 10.0 / 1.5),
+                                                     (3.0, -10.0, -10.0 / 1.5), (-3.0, -10.0, -10.0 / 0.8)])
+def test_efficiency_at_constant_speed(run, speed, load, sent):
+    """A load of 10 Nm that is lifted wants 10 / (1 - 0.2) of the shaft, one that is let down 10 / (1 + 0.5)."""
+    for machine in (replace(LOSSY, viscous=(), coulomb=(), idle_torque=()),
+                    replace(GEARED, viscous=(), coulomb=(), idle_torque=())):
+        start = running(machine, speed, load)
+        made = run(machine, np.full(100, start.torque), STEP, start, load_torque=np.full(100, load))
+        np.testing.assert_allclose(made.speeds[:, 0], speed, rtol=1e-11)
+        np.testing.assert_allclose(made.shaft_torques, sent, rtol=1e-10)
+        assert start.torque == pytest.approx(sent / (machine.ratio or (1.0,))[0], rel=1e-14)
+
+
+@BOTH
+@pytest.mark.parametrize(("torque", "speed", "rate"), [
+    (9.0, 1.0, (9.0 * 0.8 - 4.0) / (2.0 - 0.2 * 1.2)),    # drives
+    (0.0, 1.0, -4.0 / (2.0 - 0.2 * 1.2)),                 # the rotor drives while it runs out
+    (-9.0, 3.0, (-9.0 * 1.5 - 4.0) / (2.0 + 0.5 * 1.2)),  # T = -9 + 1.2 * 6.7 brakes
+    (-9.0, -1.0, (-9.0 * 0.8 - 2.0) / (2.0 - 0.2 * 1.2)), # drives the other way, with the idle torque
+    (9.0, -3.0, (9.0 * 1.5 - 2.0) / (2.0 + 0.5 * 1.2))])  # T = 9 - 1.2 * 4.4 brakes
+def test_the_rotor_takes_its_torque_before_the_loss(run, torque, speed, rate):
+    made = run(replace(GEARED, viscous=()), np.full(100, torque), STEP, State((speed,), ()))
+    np.testing.assert_allclose(made.speeds[:, 0], speed + rate * made.time, rtol=1e-12)
+
+
+@BOTH
+def test_a_lossy_gear_sticks_between_lifting_and_letting_down(run):
+    """Idle torque 3, Coulomb 1: it lifts above (3 + 1) / (1 - 0.2), and comes down below (3 - 1) / (1 + 0.5)."""
+    for levels, bound, sign in ((np.linspace(3.0, 6.0, 301), 5.0, 1), (np.linspace(3.0, 0.0, 301), 4.0 / 3.0, -1)):
+        made = run(GEARED, levels, STEP)
+        first = made.command[~made.stuck[:, 0]][0]
+        assert 0.0 <= sign * (first - bound) <= 0.011 and sign * made.speeds[-1, 0] > 0.0
+        assert not made.speeds[made.stuck].any()
+    # Without an idle torque the motor frees it above 1 / (1 - 0.2); a load torque alone above 1.
+    plain = replace(GEARED, idle_torque=())
+    assert not run(plain, np.full(50, 1.2499), STEP).speeds.any()
+    assert run(plain, np.full(50, 1.2501), STEP).end.speeds[0] > 0.0
+    for load, free in ((0.999, False), (1.001, True)):
+        made = run(plain, np.zeros(50), STEP, load_torque=np.full(50, load))
+        assert (made.end.speeds[0] < 0.0) == free
+
+
+@BOTH
+def test_losses_behind_a_shaft_agree_with_a_general_solver(run):
+    def through(y):
+        return 3000.0 * y[2] + 8.0 * (y[0] / 2.0 - y[1])
+
+    def balance(y, u):
+        torque = through(y)
+        net = torque - 0.2 * y[1] - 4.0
+        return net, 1.0 + (0.2 if net * torque > 0.0 else 0.5) * abs(torque)
+
+    def rates(y, u, s):
+        torque = through(y)
+        dry = s * (1.0 + (0.2 if s * torque > 0.0 else 0.5) * abs(torque))
+        return [(u - 0.1 * y[0] - torque / 2.0) / 0.6, (torque - 0.2 * y[1] - 4.0 - dry) / 2.0 if s else 0.0,
+                y[0] / 2.0 - y[1]]
+
+    torque = 1.0 + waves(300, 3.0)
+    made = run(LOSSY, torque, STEP)
+    expected = dry_again(rates, balance, (0.0, 0.0, 0.0), torque, 1)
+    np.testing.assert_allclose(made.speeds, expected[:, :2], atol=1e-9)
+    assert made.events["stuck"] > 1 and np.ptp(np.sign(made.shaft_torques)) == 2.0
+    np.testing.assert_array_equal(made.stuck[1:, 1], made.speeds[1:, 1] == 0.0)
+
+
+@BOTH
+def test_losses_of_one_body_agree_with_a_general_solver(run):
+    """T from its equation J (u - T) / Jr = u - R - friction(T) by a search, and with it the acceleration."""
+    def balance(y, u):
+        net = u - 0.2 * y[0] - 3.0
+        return net, 1.0 + (0.2 if net * u > 0.0 else 0.5) * abs(u)
+
+    def rates(y, u, s):
+        def unfit(torque):
+            dry = s * (1.0 + (0.2 if s * torque > 0.0 else 0.5) * abs(torque))
+            return 2.0 * (u - torque) / 1.2 - (u - 0.2 * y[0] - 3.0 - dry)
+
+        return [(u - brentq(unfit, -1e3, 1e3, xtol=1e-14, rtol=1e-14)) / 1.2 if s else 0.0]
+
+    torque = 2.8 + waves(250, 4.0)
+    made = run(GEARED, torque, STEP)
+    expected = dry_again(rates, balance, (0.0,), torque, 0)
+    np.testing.assert_allclose(made.speeds, expected, atol=1e-10)
+    assert made.events["stuck"] > 1 and np.ptp(np.sign(made.speeds)) == 2.0
+
+
+@pytest.mark.parametrize("law", ["inside", "always", "contact"])
+def test_losses_in_a_chain_with_gaps_are_the_same_in_both_simulators(law):
+    machine = Machine((0.4, 0.7, 3.0), (0.1, 0.2, 0.3), (0.5, 0.0, 1.0), (0.0, 0.0, 2.0), (900.0, 400.0),
+                      (5.0, 8.0), (0.01, 0.03), (2.0, 0.5), law, 433.0, 0.69, 0.0023, effects=Effects(
+                          loss_driving=(0.1, 0.3), loss_driven=(0.4, 0.2), ripple=(0.3, 6.0, 0.0)))
+    slow, fast = (run(machine, waves(300, 15.0), STEP) for run in (simulate, simulate_fast))
+    np.testing.assert_allclose(fast.speeds, slow.speeds, atol=1e-7)
+    assert fast.events == slow.events and slow.events["contact_made"] > 3 and slow.events["stuck"] >= 1
+
+
+def test_losses_of_one_body_with_ripple_and_converter_are_the_same_in_both_simulators():
+    machine = replace(GEARED, converter_bandwidth=433.0, effects=replace(GEARED.effects, ripple=(0.7, 9.0, 0.4)))
+    noise = 0.1 * np.random.default_rng(4).standard_normal(300)
+    torque = 2.8 + waves(300, 4.0)
+    slow, fast = (run(machine, torque, STEP, torque_noise=noise) for run in (simulate, simulate_fast))
+    np.testing.assert_allclose(fast.speeds, slow.speeds, atol=1e-9)
+    assert fast.events == slow.events and slow.events["stuck"] > 1
+
+
+def test_losses_have_bounds():
+    for changes, message in (({"loss_driven": (0.95,)}, "between 0 and 0.9"), ({"rotor_inertia": 2.0}, "a part of"),
+                             ({"lugre_stiffness": (1e4,)}, "not on a body with LuGre")):
+        with pytest.raises(ValueError, match=message):
+            replace(GEARED, effects=replace(GEARED.effects, **changes))
+    with pytest.raises(ValueError, match="of one body alone"):
+        replace(LOSSY, effects=Effects(rotor_inertia=0.1))
