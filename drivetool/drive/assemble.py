@@ -54,6 +54,7 @@ class Law:
     body: int
     shaft: int
     slides: bool
+    into: Row
 
 
 class Assembly:
@@ -65,6 +66,8 @@ class Assembly:
     always_damping, contact_damping    shaft -> damping whether or not it is in contact, and only in contact
     frictions     body -> level of set-valued friction; laws: smooth ones
     friction_factor  on all friction; input_gain: body -> factor on its input; sensed: role -> column that it reads
+    replaced      (body, suffix) of friction that another law contains
+    law_rate      at which a law's torque changes over the rate of the linear modes
     motor_column  of the torque that acts on the motor
     dead_time     by which the motor torque acts later [s], or None; interpolation: see `Plant`
     """
@@ -100,6 +103,8 @@ class Assembly:
         self.friction_factor = self.number(1.0)
         self.input_gain = {body: self.number(1.0) for body in range(self.n)}
         self.sensed: dict[str, int] = {}
+        self.law_rate = 1.0
+        self.replaced: set[tuple[int, str]] = set()
         self.motor_column, self.dead_time, self.interpolation = self.nx, None, 0.0
         self.own_masses = [mass_of(lambda suffix, b=b: self.parameter(name_of(b, suffix))) for b in drive.bodies]
         self.masses = list(self.own_masses)
@@ -177,17 +182,18 @@ class Assembly:
         self.frictions[body] = self.frictions[body] + level if body in self.frictions else level
 
     def law(self, torque: Callable, parameters: Sequence[Dual], first: Row, second: Row | None = None, *,
-            body: int = -1, shaft: int = -1, slides: bool = False) -> None:
+            body: int = -1, shaft: int = -1, slides: bool = False, into: Row | None = None) -> None:
         """Add a smooth law: a torque on a body, or one in a shaft that acts on both its ends.
 
         torque         of an effect of the catalogue, called as `Effect.torque`
         body           index of a body; or of another state, whose rate it adds to
         first, second  its arguments over the state
         slides         whether it is friction, which acts while the body slides
+        into           rows that it adds to and its factors there, unless it is the torque itself on the body
         """
         if torque not in LAW_TORQUES:
             raise ValueError(f"{torque.__module__} adds a law that its EFFECT does not declare as `torque`")
-        self.laws.append(Law(torque, tuple(parameters), first, second or {}, body, shaft, slides))
+        self.laws.append(Law(torque, tuple(parameters), first, second or {}, body, shaft, slides, into or {}))
 
     def twist(self, shaft: int) -> Row:
         """Twist of a shaft over the state."""
@@ -224,7 +230,7 @@ class Assembly:
         return self._damper(shaft, self.always_damping[shaft]) if shaft in self.always_damping else {}
 
     def in_contact(self, shaft: int) -> Row:
-        """Torque of a shaft with a gap in contact only: its spring, and the damping that is part of the contact."""
+        """Torque of a shaft in the contact of a gap only: its spring, and the damping that is part of it."""
         found = {self.n + shaft: self.shafts[shaft][0]}
         return found | self._damper(shaft, self.contact_damping[shaft]) if shaft in self.contact_damping else found
 

@@ -29,7 +29,7 @@ def run(values, pieces=0):
         "motor.inertia": 6.5, "load.inertia": 20.9, "motor.viscous": 1.9, "load.viscous": 1.9, **values})
     with pytest.MonkeyPatch.context() as patch:
         if pieces:
-            patch.setattr(augment, "_pieces", lambda _: pieces)
+            patch.setattr(augment, "_pieces", lambda *_: pieces)
         plant = augment.plant_of(drive, Layout((), ("motor_torque",), ("motor_speed",), STEP, gradient=False))
     trace = Trace(torque[:, None], np.zeros((SIZE, 1)), STEP)
     return len(plant.system.part_lengths), plant.outputs(trace, np.zeros(plant.nx))[:, 0]

@@ -26,8 +26,8 @@ def _called(place, code, a, b, time, side, p, out):
 
 
 def result(torque):
-    """(7,) result of a law of at most four parameters; torque: its function, or its number in the kernel."""
-    parameters, out = np.array([[0.7], [1.3], [2.0], [0.4]]), np.zeros(7)
+    """(3 + parameters,) result of a law; torque: its function, or its number in the kernel."""
+    parameters, out = np.array([[0.7], [1.3], [2.0], [0.4], [1.6]]), np.zeros(8)
     if callable(torque):
         torque(*POINT, parameters, out)
     else:
@@ -39,7 +39,7 @@ def test_the_order_of_the_laws_stays():
     """It fixes columns, sums and keys: a new law comes last."""
     assert [torque.__module__.rpartition(".")[2] for torque in LAW_TORQUES] == [
         "stribeck", "breakaway", "asymmetry", "drag", "drift", "ripple", "load_step", "hardening", "load_damping",
-        "induction"]
+        "induction", "lugre"]
 
 
 def test_every_number_reaches_its_own_law():

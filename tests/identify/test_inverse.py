@@ -1,5 +1,6 @@
 """The torque from the motion: closed forms of every effect, exact records, intervals, instruments, refusals."""
 
+import re
 from dataclasses import replace
 
 import numpy as np
@@ -14,7 +15,7 @@ from drivetool.identify.inverse.regression import first_stage_f, regression_of, 
 from drivetool.identify.motion.filtered_equations import near_reversal
 from drivetool.identify.motion.linear import Rows, change_of, covariance_of, inverse_of
 from drivetool.identify.motion.motion import Motion, Smoothing
-from drivetool.identify.motion.required_torque import required_torque_of
+from drivetool.identify.motion.required_torque import check_no_signal_path, required_torque_of
 from drivetool.identify.setup.options import Options
 from drivetool.identify.setup.setup import roles_of
 from drivetool.identify.setup.start import KnownStart
@@ -58,8 +59,18 @@ def torque_of(values, free=()):
 
 
 def test_every_effect_on_a_body_is_here():
-    """But for the scale of the torque itself and a clamp, which are no torque of a body that moves."""
-    assert {e.code for e in EFFECTS if e.of == "body"} - {"torque-constant", "clamp"} == set(LAWS)
+    """But for a scale of the torque, a clamp, which is no torque of a body that moves, and laws with states."""
+    others = {"torque-constant", "clamp", *(e.code for e in EFFECTS if e.has_states)}
+    assert {e.code for e in EFFECTS if e.of == "body"} - others == set(LAWS)
+
+
+@pytest.mark.parametrize("effect", [e for e in EFFECTS if e.has_states], ids=lambda e: e.code)
+def test_a_law_with_a_state_is_refused_by_name(effect):
+    owner = {"path": "converter", "sensor": "sensor"}.get(effect.of, "motor")
+    name = f"{owner}.{effect.present[0]}"
+    for given, free in ((START.with_values({name: 90.0}), ()), (START, (name,))):
+        with pytest.raises(BadOption, match=re.escape(name)):
+            check_no_signal_path(given, free)
 
 
 @pytest.mark.parametrize("code", LAWS)

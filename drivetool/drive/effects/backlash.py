@@ -12,8 +12,6 @@ from drivetool.quantity import Quantity
 def stamp(assembly, shaft):
     """Ts = ks (z - a) above a, 0 between, ks (z + a) below -a."""
     assembly.gaps[shaft] = assembly.of_shaft(shaft, "half_gap")
-    if assembly.drive.damping_law == "inside":
-        assembly.contact_damping[shaft] = assembly.always_damping.pop(shaft)
 
 
 EFFECT = Effect(

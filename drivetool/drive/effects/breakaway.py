@@ -31,6 +31,12 @@ def has_breakaway(assembly, body):
     return assembly.acts(body, "breakaway") and assembly.of_body(body, "breakaway").v > 0.0
 
 
+def prepare(assembly, body):
+    """Coulomb friction is part of the curve."""
+    if has_breakaway(assembly, body):
+        assembly.replaced.add((body, "coulomb"))
+
+
 def stamp(assembly, body):
     """The whole curve but for its viscous part; Coulomb friction is in it."""
     if has_breakaway(assembly, body):
@@ -46,6 +52,7 @@ EFFECT = Effect(
                               1e-3, 0.0),
         "breakaway_speed": Quantity("{q}/s", "speed of the breakaway torque", (1e-3, 1e6), 1e-3, 1.0),
     },
+    prepare=prepare,
     stamp=stamp,
     torque=torque,
     law="T = sqrt(2e) D exp(-(w/ws)^2) w/ws + Tc tanh(10 w/wb), ws = sqrt(2) wb; D = Tbrk - Tc",

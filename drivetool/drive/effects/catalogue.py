@@ -24,6 +24,7 @@ from drivetool.drive.effects import (
     interpolation,
     load_damping,
     load_step,
+    lugre,
     ripple,
     shaft,
     speed_filter,
@@ -65,6 +66,7 @@ EFFECTS: tuple[Effect, ...] = (
     load_damping.EFFECT,
     speed_filter.EFFECT,
     induction.EFFECT,
+    lugre.EFFECT,
 )
 
 # The smooth laws; the kernel uses their position. Effects may share one.

@@ -5,7 +5,6 @@ as the other torques stay below the level: a set-valued law. The common tanh(w/s
 standstill by 1e-2 rad/s whatever the step, which a fit then takes for physics.
 """
 
-from drivetool.drive.effects import breakaway
 from drivetool.drive.effects.effect import Effect
 from drivetool.quantity import Quantity
 
@@ -13,9 +12,9 @@ from drivetool.quantity import Quantity
 def stamp(assembly, body):
     """-Tc sgn(w) on the body; sticking while |sum of the other torques| <= Tc.
 
-    With breakaway friction that curve contains it.
+    It does not act by itself where another law contains it.
     """
-    if not breakaway.has_breakaway(assembly, body):
+    if (body, "coulomb") not in assembly.replaced:
         assembly.friction(body, assembly.of_body(body, "coulomb"))
 
 

@@ -8,7 +8,9 @@ def stamp(assembly, shaft):
     """Ts = ks twist + cs d(twist)/dt, twist = angle/ratio - next angle; -Ts/ratio acts on the first body."""
     stiffness, damping, ratio = (assembly.of_shaft(shaft, s) for s in ("stiffness", "damping", "ratio"))
     assembly.shafts.append((stiffness, damping, ratio))
-    assembly.always_damping[shaft] = damping
+    # As a gap would have it; without one there is contact always.
+    of_contact = assembly.drive.damping_law == "inside"
+    (assembly.contact_damping if of_contact else assembly.always_damping)[shaft] = damping
 
 
 EFFECT = Effect(

@@ -22,6 +22,8 @@ def torque(w, _, time, side, p, out):
 
 def stamp(assembly, body):
     """The surplus while the body slides; a sticking body is held by up to Tc + Ts."""
+    if (body, "stribeck") in assembly.replaced:
+        return
     assembly.friction(body, assembly.number(0.0))
     parameters = [assembly.of_body(body, s) for s in ("stribeck", "stribeck_speed", "stribeck_power")]
     assembly.law(torque, parameters, {assembly.speed(body): assembly.number(1.0)}, body=body, slides=True)

@@ -234,6 +234,7 @@ def step_through_law_events(s, c, laws, x, inputs, i, time, sens, mode, part):
     """Carry x, sensitivities and mode over one part of a sample under inputs[i]."""
     w, p, u = c.series, c.poly, inputs[i]
     whole, rest, events, just_switched, shortened = s.part_lengths[part], s.part_lengths[part], 0, 0, 0
+    longest = whole  # stretch that may converge
     for r in range(s.nx):
         if not abs(x[r]) < DIVERGED_STATE:
             shortened = MAX_SHORTENED_STRETCHES + 1  # it has diverged: the torques are not solved for
@@ -250,9 +251,10 @@ def step_through_law_events(s, c, laws, x, inputs, i, time, sens, mode, part):
             constant_torque_columns(s, laws, x, mode, sens)
             unlocated_step(s, c, x, inputs, i, sens, mode, part, k, rest)
             break
-        h, element, digit = min(rest, 0.5 / max(c.rate[k], 1e-300)), -1, 0
+        h, element, digit = min(rest, longest, 0.5 / max(c.rate[k], 1e-300)), -1, 0
         while not collocate(s, laws, a, x, u, time, h, mode, w, c.vectors[3]) and h > MIN_STRETCH_FRACTION * whole:
             h *= 0.5
+            longest = h
             shortened += 1
             hold_start_torques(s, laws, x, time, mode)
         te = h

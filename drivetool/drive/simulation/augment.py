@@ -36,11 +36,11 @@ def augmented(assembly: Assembly) -> tuple[System, Laws | None]:
     if not assembly.laws:
         return assembly.system(), None
     plain = assembly.system()
-    system = _with_law_states(assembly, assembly.system(_pieces(plain), MIN_PART_FRACTION))
+    system = _with_law_states(assembly, assembly.system(_pieces(plain, assembly.law_rate), MIN_PART_FRACTION))
     return system, _law_arrays(assembly, system, plain.nx)
 
 
-def _pieces(s: System) -> int:
+def _pieces(s: System, law_rate: float) -> int:
     """Into how many pieces a sample is cut: by the fastest mode with all contacts closed."""
     a_matrix = s.rows[:, :s.nx, 0] / s.mass[:, :1]
     for g in range(s.ng):
@@ -51,7 +51,7 @@ def _pieces(s: System) -> int:
     # An oscillation that is much faster than the sampling, or decays that fast, leaves no trace in the record.
     decay = np.minimum(np.abs(modes.real) * s.part_lengths.max(), MAX_DECAY_CONSTANTS)
     rates = np.hypot(modes.imag * s.part_lengths.max(), decay)
-    return int(np.clip(np.ceil(rates.max() / MAX_PIECE_RATE), 1, 20))
+    return int(np.clip(np.ceil(rates.max() * law_rate / MAX_PIECE_RATE), 1, 20))
 
 
 def _with_law_states(assembly: Assembly, s: System) -> System:
@@ -84,6 +84,8 @@ def _padded_rows(rows: np.ndarray, nx: int) -> np.ndarray:
 
 def _law_rows(assembly: Assembly, law: Law) -> list[tuple[int, Dual]]:
     """Rows that the torque of a law acts on, and the factor."""
+    if law.into:
+        return list(law.into.items())
     if law.shaft < 0:
         return [(law.body, assembly.number(1.0))]
     return [(law.shaft, -1.0 / assembly.shafts[law.shaft][2]), (law.shaft + 1, assembly.number(1.0))]

@@ -13,9 +13,9 @@ import numpy as np
 from drivetool.drive import Assembly, Drive, Law, Layout, is_constant
 from drivetool.errors import BadOption
 from drivetool.identify.motion.motion import Motion
-from drivetool.quantity import owner_of
+from drivetool.quantity import name_of, owner_of
 
-SIGNAL_PATHS = ("converter.bandwidth", "converter.dead_time", "sensor.bandwidth")
+DEAD_TIME = "converter.dead_time"
 
 
 @dataclass(frozen=True)
@@ -48,13 +48,15 @@ def first_body(drive: Drive) -> Drive:
 
 
 def check_no_signal_path(drive: Drive, free: Sequence[str]) -> None:
-    """Raise BadOption where a path lies between the log and the body."""
-    acting = [n for n in SIGNAL_PATHS if n in free or drive.value(n) != drive.quantity(n).neutral]
+    """Raise BadOption where a path lies between the log and the body, or where a law has a state of its own."""
+    with_states = (name_of(owner, suffix) for effect, owner, _ in drive.effects() if effect.has_states
+                   for suffix in effect.present)
+    acting = [n for n in (DEAD_TIME, *with_states) if n in free or drive.value(n) != drive.quantity(n).neutral]
     acting += [n for n in drive.values if is_constant(n)]  # not the constant that made the torque
     if acting:
-        raise BadOption("torque and motion without delay, filter or torque constant in the signal path, for "
-                        "--criterion inverse", ", ".join(acting),
-                        "Leave --criterion out: a simulation models such a path.")
+        raise BadOption("torque and motion without delay, filter or torque constant between them, and laws without "
+                        "states, for --criterion inverse", ", ".join(acting),
+                        "Leave --criterion out: a simulation models them.")
 
 
 def required_torque_of(drive: Drive, free: Sequence[str], motion: Motion, step: float,

@@ -37,7 +37,8 @@ LEFT_OUT_EFFECTS: Mapping[str, str] = MappingProxyType({
     "warm-up": "fades while the drive warms up; the loop is that of the warm drive",
     "torque-ripple": "a disturbance that repeats with the angle",
     "imbalance": "a disturbance that repeats with the angle",
-    "load-step": "a disturbance at one time of a recording"})
+    "load-step": "a disturbance at one time of a recording",
+    "bristle-friction": "a spring before the friction slides; the loop is that of a moving drive"})
 ONE_RECORDING_REASON = "holds in one recording only"
 FLAT_AT_STANDSTILL = ("stribeck", "quadratic-drag")  # without a slope at standstill
 SLOW_SPEED = 1e-60  # a speed with a direction only: its powers in friction laws are negligible and do not underflow
@@ -89,7 +90,8 @@ def at_working_point(drive: Drive, speed: float) -> Drive:
     own = any(record_of(name) for name in drive.values)
     if not own and codes.keys().isdisjoint({*TANGENT_LAWS, *LEFT_OUT_EFFECTS, "friction-factor"}):
         return drive
-    drive = replace(drive, values={k: v for k, v in drive.values.items() if not record_of(k)})
+    left_out = {name for names in left_out_parameters(drive).values() for name in names}
+    drive = replace(drive, values={k: v for k, v in drive.values.items() if k not in left_out})
     plain = Assembly(drive, Layout((), (MOTOR_TORQUE,), (), 1.0, gradient=False))
     # A total is split before any slope is added to its parts.
     removed = {*TOTALS, *(name_of(owner, suffix) for effect, owner, _ in drive.effects()
