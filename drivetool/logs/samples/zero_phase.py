@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Iterator
+from functools import cache
 
 import numpy as np
 
@@ -16,9 +17,11 @@ def low_pass(values: np.ndarray, segments: Iterable[tuple[int, int]], cutoff: fl
     values   (n,), NaN where missing; filtered within each segment
     cutoff   in cycles per sample, below 0.5; each pass has -3 dB there, both together -6 dB
     """
-    from scipy.signal import butter, sosfiltfilt
+    from scipy.signal import sosfiltfilt
 
-    sections = butter(order, 2 * cutoff, output="sos")
+    if not values.any():  # most derivatives of an equation
+        return values.copy()
+    sections = _sections(order, cutoff)
     # The initial transient of the filter lasts a few periods of its cut-off.
     padding = max(3 * (2 * len(sections) + 1), int(np.ceil(3 / cutoff)))
     filtered = values.copy()
@@ -32,6 +35,14 @@ def low_pass(values: np.ndarray, segments: Iterable[tuple[int, int]], cutoff: fl
                 even = sosfiltfilt(sections, even, padlen=min(padding, len(even) - 1))
             filtered[a:b] = np.where(known, even, np.nan)
     return filtered
+
+
+@cache  # the regressions of a fit filter a thousand signals by one design, which costs more than the filtering
+def _sections(order: int, cutoff: float) -> np.ndarray:
+    """(sections, 6) the Butterworth filter of low_pass."""
+    from scipy.signal import butter
+
+    return butter(order, 2 * cutoff, output="sos")
 
 
 def _bridged_stretches(values: np.ndarray, first: int, last: int) -> Iterator[tuple[int, int]]:
