@@ -65,7 +65,7 @@ def test_against_the_independent_simulator(name):
     there = simulate_fast(machine, torque, STEP).speeds
     out = outputs_of(drive, torque)
     for body in range(out.shape[1]):
-        assert rms(out[:, body] - there[:, body]) < 1e-6 * np.abs(there[:, body]).max(), body
+        assert rms(out[:, body] - there[:, body]) < 1e-7 * np.abs(there[:, body]).max(), body
     assert (np.diff(np.sign(there[:, 0])) != 0.0).sum() > 5
 
 

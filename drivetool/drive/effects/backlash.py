@@ -21,6 +21,6 @@ EFFECT = Effect(
     stamp=stamp,
     law="Ts = ks dead(z, a), z = twist + (cs/ks) d(twist)/dt",
     needs="shaft torque of both signs",
-    source="Tallfors 2005, (5.17) and ch. 6; Nordin, Galic, Gutman 1997",
+    source="Tallfors 2005, (5.17) and ch. 6; another law: Nordin, Galic, Gutman 1997",
     present=("half_gap",),
 )

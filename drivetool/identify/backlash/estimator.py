@@ -249,6 +249,8 @@ def _with_profile_interval(estimate: Estimate, name: str, found: Profile) -> Est
     elif found.low is None:
         new = line.replace(std=None, ci95=(0.0, found.high), status="at-bound" if line.value <= 0.0 else "fitted",
                            reason="not distinguishable from zero; the interval is one-sided")
+        # A gap that may be closed has no law.
+        findings = [f for f in findings if f.code != "gap-law"]
         findings.append(Finding(
             "note", "gap-not-significant",
             f"{name} is not distinguishable from zero; it is at most {found.high:.3g} {line.unit}.",
