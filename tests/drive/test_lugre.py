@@ -7,6 +7,7 @@ import pytest
 
 from drivetool.drive.assemble import Layout
 from drivetool.drive.chain import one_body
+from drivetool.drive.effects.lugre import start
 from drivetool.drive.simulation.augment import plant_of
 from drivetool.drive.simulation.simulate import Trace
 from drivetool.errors import BadParameters
@@ -101,3 +102,17 @@ def test_a_second_law_of_dry_friction_is_refused_by_name(name):
     _, drive, torque = case_of("usual")
     with pytest.raises(BadParameters, match=f"{name} beside its bristle_stiffness"):
         outputs_of(drive.with_values({name: 0.1}), torque)
+
+
+@pytest.mark.parametrize(("speed", "factor", "share"), [(2.0, 1.0, 1.0), (-2.0, 1.0, -1.0), (0.0, 1.0, 0.0),
+                                                         (2.0, 0.5, 0.5)])
+def test_the_bristles_start_as_in_steady_sliding(speed, factor, share):
+    """Of a measured speed, which is a number of NumPy; by the friction that the recording has."""
+    drive = drive_with(*CASES["without Stribeck"]).with_values({"friction.factor": factor})
+    assert start(drive, 0, np.array([speed]), {}) == pytest.approx((share * 1.0 / 2e3,))
+
+
+def test_bristles_that_carry_no_friction_are_refused_by_name():
+    drive = drive_with(*CASES["usual"]).with_values({"motor.coulomb": 0.0})
+    with pytest.raises(BadParameters, match=r"motor\.coulomb above zero.* delete motor\.bristle_stiffness"):
+        start(drive, 0, np.ones(1), {})

@@ -4,7 +4,7 @@ A bristle bends with the motion until it carries the sliding friction. So the bo
 friction lags behind the speed. While bristles act, Coulomb and Stribeck friction act through them alone.
 """
 
-from math import exp, log
+from math import copysign, exp, log
 
 from drivetool.drive.effects.effect import Effect
 from drivetool.errors import BadParameters
@@ -49,8 +49,11 @@ def start(drive, body, speeds, inputs):
     stiffness, coulomb, surplus, reach, power = (
         drive.value(name_of(owner, s))
         for s in ("bristle_stiffness", "coulomb", "stribeck", "stribeck_speed", "stribeck_power"))
-    level = coulomb + surplus * exp(-(abs(speed) / reach) ** power)
-    return ((speed > 0.0) - (speed < 0.0)) * level / stiffness,
+    if not coulomb:
+        raise BadParameters(f"{name_of(owner, 'coulomb')} above zero, for the bristles carry it", "zero",
+                            f"Give it, or delete {name_of(owner, 'bristle_stiffness')}.")
+    level = drive.value("friction.factor") * (coulomb + surplus * exp(-(abs(speed) / reach) ** power))
+    return copysign(level / stiffness, speed) if speed else 0.0,
 
 
 def prepare(assembly, body):
