@@ -94,6 +94,16 @@ def test_the_truth_is_found_and_the_intervals_hold(weighting):
     assert np.all(np.abs(np.std(off, axis=0) - 1.0) < 0.45)
 
 
+def test_bristles_are_no_part_of_a_linear_response():
+    """The same fit with them as without, also when they are asked for."""
+    bristles = {"motor.coulomb": 0.5, "motor.bristle_stiffness": 500.0, "motor.bristle_damping": 2.0}
+    plain, more = (greybox([record(1)], start().with_values(values), Options(
+        criterion="frequency", free=(*TRUE, *values))) for values in ({}, bristles))
+    assert {p.name: p.value for p in more.parameters if p.name in TRUE} == {
+        p.name: p.value for p in plain.parameters if p.name in TRUE}
+    assert {p.status for p in more.parameters if p.name in bristles} == {"held"}
+
+
 def test_maximum_likelihood_is_the_sharper_weighting():
     stds = [[p.std for p in greybox([record(1)], start(), Options(
         criterion="frequency", weighting=w, free=tuple(TRUE))).parameters if p.name in TRUE]

@@ -40,7 +40,7 @@ TOTAL_VISCOUS = "total.viscous"
 CORRELATED_LINES = 11
 REWEIGHTING_ROUNDS = 4  # of reweighting. A choice: each needs one fit, and the weights settle
 # Parameters without effect on a linear response.
-NONLINEAR = ("idle_torque", "coulomb", "drift_coulomb", "half_gap")
+NONLINEAR = ("idle_torque", "coulomb", "drift_coulomb", "bristle_stiffness", "bristle_damping", "half_gap")
 
 
 @dataclass(frozen=True)
