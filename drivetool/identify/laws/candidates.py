@@ -177,10 +177,16 @@ def motions_of_bodies(outcome: Outcome, seen: Motions) -> dict[str, Motions]:
 
 
 def laws_of(task: Task, motions: Mapping[str, Motions]) -> list[Law]:
-    """Every law on every body."""
+    """Every law on every body.
+
+    Where the sign of the speed is noise, a law of it feeds the sensor's noise back. A body that sticks does not
+    notice; one with bristles moves, and such a law seems to predict its sensor.
+    """
     found = list(measurement_noise_law(expected_recording_noise(task.experiments, "motor_torque")))
     for body, seen in motions.items():
         name_suffix = f", on the {body}" if len(motions) > 1 else ""
+        if task.drive.known_value(name_of(body, "bristle_stiffness")):
+            seen = replace(seen, each=tuple(replace(m, side=m.side * ~m.slow) for m in seen.each))
         found += law_library(seen, task.drive.motion_unit == "rad", body, name_suffix)
     return found
 

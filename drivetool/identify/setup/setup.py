@@ -228,9 +228,13 @@ def _as_recorded_in(drive: Drive, free: Sequence[str], trace: Trace) -> tuple[Dr
 
 
 def linear_problem_of(drive: Drive, free: Sequence[str], roles: Roles, traces: Sequence[Trace]) -> Problem:
-    """The same problem without gaps and Coulomb friction, for the same points."""
+    """The same problem without gaps and Coulomb friction, for the same points.
+
+    The Coulomb friction of a body with bristles stays: they divide by it, and it does not stick.
+    """
     free = tuple(free)
-    flat = {n: 0.0 for n in drive.quantities if quantity_of(n) in SWITCHING}
+    flat = {n: 0.0 for n in drive.quantities if quantity_of(n) in SWITCHING
+            and name_of(owner_of(n), "bristle_stiffness") not in drive.values}
     smooth = tuple(n for n in free if n not in flat)
 
     def build(values: np.ndarray, trace: Trace, gradient: bool, memory: float | None) -> Plant:
