@@ -11,7 +11,7 @@ import numpy as np
 from drivetool.check.validation.replay import MIN_SEGMENT_SAMPLES, start_states
 from drivetool.drive import Assembly, Drive, Layout
 from drivetool.drive.simulation import Trace
-from drivetool.errors import BadOption
+from drivetool.errors import BadOption, BadParameters
 from drivetool.identify.setup import (
     KnownStart,
     Roles,
@@ -87,6 +87,9 @@ def run_model(experiment: Experiment, drive: Drive, segment: float = 0.0,
     _join_angles(runs, traces, every)
     ends = np.cumsum([0, *(t.size for t in traces)])
     simulated = np.concatenate(runs)
+    if not np.isfinite(simulated).all():
+        raise BadParameters("a simulation that stays finite", "numbers that are not",
+                            "Correct the parameters: is one far beyond what a machine of this kind has?")
     measured = np.concatenate([t.outputs for t in traces])
     inputs = np.concatenate([t.inputs for t in traces])
     time = np.concatenate([t.origin + np.arange(t.size) * t.step for t in traces])

@@ -185,7 +185,7 @@ def laws_of(task: Task, motions: Mapping[str, Motions]) -> list[Law]:
     found = list(measurement_noise_law(expected_recording_noise(task.experiments, "motor_torque")))
     for body, seen in motions.items():
         name_suffix = f", on the {body}" if len(motions) > 1 else ""
-        if task.drive.known_value(name_of(body, "bristle_stiffness")):
+        if name_of(body, "bristle_stiffness") in task.drive.values:
             seen = replace(seen, each=tuple(replace(m, side=m.side * ~m.slow) for m in seen.each))
         found += law_library(seen, task.drive.motion_unit == "rad", body, name_suffix)
     return found
