@@ -133,14 +133,16 @@ def backlash(experiments: Sequence[Experiment], drive: Drive, options: Options) 
     outcome, explanation = fit.outcome, fit.explanation
     profiles = {g: found for g in gaps if outcome.fit is not None and not not_converged(outcome)
                 and g not in lower_limits and (found := _profile_if_wide(outcome, g)) is not None}
+    # A gap that may be closed has no law.
+    opens = all(found.low is not None or found.high is None for found in profiles.values())
     estimate = compose(
         "backlash", drive, outcome, explanation.findings if explanation else (),
         {"contact": _contact_counts(outcome, drive, gaps), **(dead_stretch_details(laws) if laws else {})},
         known=options.known, explanation=explanation, alone=fit.alone)
     estimate = with_friction_of_file(estimate, outcome, options, free, explanation)
+    about_law = gap_law_findings(laws, outcome, free, not not_converged(outcome), opens)
     estimate = replace(estimate, findings=(*torque_timing(white), *suspect_channel_findings(task, outcome.drive),
-                                           *gap_law_findings(laws, outcome, free, not not_converged(outcome)),
-                                           *estimate.findings))
+                                           *about_law, *estimate.findings))
     for name, found in profiles.items():
         estimate = _with_profile_interval(estimate, name, found)
     for name, low in lower_limits.items():
@@ -249,8 +251,6 @@ def _with_profile_interval(estimate: Estimate, name: str, found: Profile) -> Est
     elif found.low is None:
         new = line.replace(std=None, ci95=(0.0, found.high), status="at-bound" if line.value <= 0.0 else "fitted",
                            reason="not distinguishable from zero; the interval is one-sided")
-        # A gap that may be closed has no law.
-        findings = [f for f in findings if f.code != "gap-law"]
         findings.append(Finding(
             "note", "gap-not-significant",
             f"{name} is not distinguishable from zero; it is at most {found.high:.3g} {line.unit}.",

@@ -207,14 +207,18 @@ def gap_law_finding(both: BothLaws, shaft: str, converged: bool = True) -> Findi
 
 
 def gap_law_findings(both: BothLaws | None, outcome: Outcome, free: Sequence[str],
-                     converged: bool) -> list[Finding]:
-    """Which law it is, and what was fitted besides the request; converged: whether the outcome converged."""
+                     converged: bool, opens: bool = True) -> list[Finding]:
+    """Which law it is, and what was fitted besides the request.
+
+    converged  whether the outcome converged; opens: whether the gap is above zero, else it has no law
+    """
     if both is None:
         return []
     more = [n for n in outcome.task.free if n not in free]
     if both.seen is None and name_of(outcome.drive.shafts[0], "damping") not in more:  # the fit is as requested
         more = []
-    return [gap_law_finding(both, outcome.drive.shafts[0], converged), *([] if not more else [Finding(
+    law = [gap_law_finding(both, outcome.drive.shafts[0], converged)] if opens else []
+    return [*law, *([] if not more else [Finding(
         "note", "gap-refit",
         f"{', '.join(more)} were fitted jointly with the half gap. Over many passages, errors of one per cent in "
         "held values would bias it.", {"values": len(more)}, "Hold accurately known values with --hold.")])]
