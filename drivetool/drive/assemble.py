@@ -212,8 +212,6 @@ class Assembly:
             row[self.n + k] = self.number(-1.0)
         return row
 
-    # given by the chain itself
-
     def damping_of(self, shaft: int) -> Dual:
         """Damping of a shaft in contact."""
         parts = [d[shaft] for d in (self.contact_damping, self.always_damping) if shaft in d]
@@ -236,6 +234,8 @@ class Assembly:
 
     def _damper(self, shaft: int, damping: Dual) -> Row:
         return {shaft: damping / self.shafts[shaft][2], shaft + 1: -damping}
+
+    # given by the chain itself
 
     def _kinematics(self) -> None:
         one = self.number(1.0)

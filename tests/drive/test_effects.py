@@ -12,7 +12,7 @@ from drivetool.drive import chain
 from drivetool.drive.chain import three_mass, two_mass
 from drivetool.drive.effects import converter, drag, imbalance, ripple, viscous
 from drivetool.drive.effects.catalogue import EFFECTS
-from drivetool.drive.effects.check import check
+from drivetool.drive.effects.catalogue_check import check_effects
 from drivetool.drive.effects.induction import VOLTAGES
 from drivetool.drive.simulation.simulate import Trace
 from tests.drive.test_kernel import STEP, plant_of
@@ -118,7 +118,7 @@ WRONG_EFFECTS = {
 @pytest.mark.parametrize(("wrong", "sentence"), WRONG_EFFECTS.values(), ids=WRONG_EFFECTS)
 def test_a_wrong_effect_is_one_sentence_when_the_catalogue_is_built(wrong, sentence):
     with pytest.raises(ValueError, match=f"^{re.escape(sentence)}$"):
-        check((viscous.EFFECT, wrong))
+        check_effects((viscous.EFFECT, wrong))
 
 
 @EACH_DAMPING_LAW

@@ -33,7 +33,7 @@ from drivetool.drive.effects import (
     viscous,
     warm_up,
 )
-from drivetool.drive.effects.check import check
+from drivetool.drive.effects.catalogue_check import check_effects
 from drivetool.drive.effects.effect import Effect
 from drivetool.quantity import name_of
 
@@ -82,6 +82,6 @@ OPTIONAL_SUFFIXES = frozenset(suffix for e in EFFECTS if not e.required for suff
 # Roles that an effect turns into torques: no torque on a body by themselves.
 EFFECT_INPUTS = frozenset(role for e in EFFECTS for role in e.inputs)
 
-check(EFFECTS)
+check_effects(EFFECTS)
 
 __all__ = ["EFFECTS", "LAW_TORQUES", "Effect"]

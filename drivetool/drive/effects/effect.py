@@ -61,7 +61,7 @@ class Effect:
     source: str
     prepare: Stamp = _nothing
     stamp: Stamp = _nothing
-    torque: Stamp | None = None
+    torque: Callable[..., None] | None = None
     states: Callable[..., Sequence[str]] = _no_states
     start: Callable[..., Sequence[float]] | None = None
     inputs: tuple[str, ...] = ()

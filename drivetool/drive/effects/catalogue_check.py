@@ -15,7 +15,7 @@ PARAMETERS = 0.8 + 0.37 * np.arange(float(MOST_PARAMETERS))
 STEP, TOLERANCE = 1e-4, 1e-6
 
 
-def check(effects: Sequence[Effect]) -> None:
+def check_effects(effects: Sequence[Effect]) -> None:
     """Raise ValueError, in one sentence, for the first effect of the catalogue that is wrong.
 
     Two effects of one kind of owner with one quantity; a law whose derivatives are not those of its torque; states
