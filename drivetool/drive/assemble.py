@@ -63,6 +63,7 @@ class Assembly:
     states        names; own_states: (effect, index of its owner, its states) of the effects that have some
     rows          (row, column) -> factor; masses: which the torques of each body accelerate
     shafts        (stiffness, damping, ratio) of each joint; gaps: shaft -> half width of its dead zone
+    relaxing      shaft -> column of its elastic twist, which relaxes in the gap
     always_damping, contact_damping    shaft -> damping whether or not it is in contact, and only in contact
     frictions     body -> level of set-valued friction; laws: smooth ones
     friction_factor  on all friction; input_gain: body -> factor on its input; sensed: role -> column that it reads
@@ -98,6 +99,7 @@ class Assembly:
         self.gaps: dict[int, Dual] = {}
         self.always_damping: dict[int, Dual] = {}
         self.contact_damping: dict[int, Dual] = {}
+        self.relaxing: dict[int, int] = {}
         self.frictions: dict[int, Dual] = {}
         self.laws: list[Law] = []
         self.friction_factor = self.number(1.0)
@@ -307,13 +309,20 @@ class Assembly:
         rows = np.zeros((nx, nz, 1 + nq))
         for (r, j), dual in self.rows.items():
             rows[r, j] = dual.jet()
-        spring = np.zeros((len(self.gaps), nx, 1 + nq))
+        spring, relaxing = np.zeros((len(self.gaps), nx, 1 + nq)), np.full((len(self.gaps), 2), -1, np.int64)
         gains, reach = [], []
         for g, (shaft, half) in enumerate(self.gaps.items()):
             for j, dual in self.in_contact(shaft).items():
                 spring[g, j] = dual.jet()
             gains += [-1.0 / self.shafts[shaft][2], self.number(1.0)]
             reach.append(self.shafts[shaft][0] * half)
+        open_guard = spring.copy()
+        for g, shaft in enumerate(self.gaps):
+            if shaft in self.relaxing:
+                relaxing[g] = self.relaxing[shaft], self.n + shaft
+                stiffness = self.shafts[shaft][0].jet()
+                open_guard[g] = 0.0
+                open_guard[g, relaxing[g]] = -stiffness, stiffness
         outputs, output_gap = self._outputs()
         h = self.layout.step
         dead_time = self.number(0.0) if self.dead_time is None else self.dead_time
@@ -326,7 +335,7 @@ class Assembly:
             memory[self.states.index("disturbance")] = self.layout.memory
         ns = -(-(nq + nx + self.layout.gradient) // COLUMN_MULTIPLE) * COLUMN_MULTIPLE
         return System(
-            rows, self._jets(self.masses + [self.number(1.0)] * (nx - self.n)), spring,
+            rows, self._jets(self.masses + [self.number(1.0)] * (nx - self.n)), spring, open_guard, relaxing,
             self._jets(reach), np.array([(k, k + 1) for k in self.gaps], np.int64).reshape(-1, 2),
             self._jets(gains).reshape(-1, 2, 1 + nq),
             np.array(bodies, np.int64), self._jets([self.frictions[b] for b in bodies]), outputs, output_gap,

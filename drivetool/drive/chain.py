@@ -19,7 +19,7 @@ KNOWN_TORQUE = Quantity("{T}", "factor of a known torque", (-1e12, 1e12), 1e-2, 
 END_MASS = "tip"  # a body behind the load that diagnose has added: the load's sensors and names stay with the load
 Number = TypeVar("Number", float, Dual)
 
-DampingLaw = Literal["inside", "always"]
+DampingLaw = Literal["inside", "always", "contact"]
 
 
 @dataclass(frozen=True)
@@ -31,7 +31,8 @@ class Drive:
     values       parameter name -> value in the units of `unit(name)`; a missing one is neutral, or
                  unknown if the effect has no neutral value
     damping_law  "inside": the shaft damping is part of the contact, which then never pulls
-                 (Tallfors 2005, 5.17); "always": it acts in the gap too (chapter 6)
+                 (Tallfors 2005, 5.17); "always": it acts in the gap too (chapter 6); "contact": likewise in contact
+                 only, but in the gap the shaft relaxes, and touches at the half gap (Nordin, Galic, Gutman 1997)
     known_torques  names like motor.law1 of inputs that brake a body; each is also a parameter, its factor
     records      recording -> sha256, of which some parameters have a value of their own, NAME@RECORD
     input_unit   of the motors' inputs, A, V or %, if torque constants convert them to torques; else empty

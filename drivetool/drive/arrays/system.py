@@ -40,6 +40,8 @@ class System(NamedTuple):
     rows        (nx, nz, 1 + nq)  Q without gaps and friction
     mass        (nx, 1 + nq)      M, one where a row is not a body
     spring      (ng, nx, 1 + nq)  torque of the closed contact over the state
+    open_guard  (ng, nx, 1 + nq)  what closes the gap at the reach, over the state; as a rule the spring
+    relaxing    (ng, 2)           state of the elastic twist that relaxes in the gap and that of the twist, or -1
     reach       (ng, 1 + nq)      ks times half gap: the torque at which the contact closes
     gap_rows    (ng, 2)           bodies that the shaft torque acts on
     gap_gain    (ng, 2, 1 + nq)   by which factor: -1/ratio and 1
@@ -57,6 +59,8 @@ class System(NamedTuple):
     rows: Float3
     mass: Float2
     spring: Float3
+    open_guard: Float3
+    relaxing: Int2
     reach: Float2
     gap_rows: Int2
     gap_gain: Float3

@@ -1,17 +1,39 @@
 """Backlash: the shaft carries no torque until its ends are in contact.
 
-Two published forms. "inside" (Tallfors 2005, 5.17): the dead zone acts on twist plus damping, so
+Three published forms. "inside" (Tallfors 2005, 5.17): the dead zone acts on twist plus damping, so
 the torque is continuous and never pulls. "always" (chapter 6): the dead zone acts on the twist
-alone and the damping acts in the gap too.
+alone and the damping acts in the gap too. "contact" (Nordin, Galic and Gutman 1997): in the gap the elastic twist
+of the shaft relaxes, a state of its own, and its flanks touch at the half gap, with a step of the damping's torque.
 """
 
 from drivetool.drive.effects.effect import Effect
-from drivetool.quantity import Quantity
+from drivetool.errors import BadParameters
+from drivetool.quantity import Quantity, name_of
+
+
+def states(assembly, shaft):
+    """The elastic twist, where it relaxes in the gap."""
+    name = assembly.drive.shafts[shaft]
+    relaxes = assembly.drive.damping_law == "contact" and name_of(name, "half_gap") in assembly.acting
+    return (f"{name}.elastic",) if relaxes else ()
+
+
+def start(drive, _shaft, speeds, inputs):
+    """Relaxed; in contact it is the twist beyond the gap."""
+    return (0.0,)
 
 
 def stamp(assembly, shaft):
-    """Ts = ks (z - a) above a, 0 between, ks (z + a) below -a."""
+    """Ts = ks (z - a) above a, 0 between, ks (z + a) below -a; the rate of an elastic twist in the gap."""
     assembly.gaps[shaft] = assembly.of_shaft(shaft, "half_gap")
+    for state in states(assembly, shaft):
+        stiffness, damping, _ = assembly.shafts[shaft]
+        if not damping.v > 0.0:
+            name = name_of(assembly.drive.shafts[shaft], "damping")
+            raise BadParameters(f"{name} above zero for damping_law contact, which relaxes by it", f"{damping.v:g}",
+                                "Give it, or take damping_law inside, which is the same without damping.")
+        assembly.relaxing[shaft] = column = assembly.states.index(state)
+        assembly.torque(column, column, -stiffness / damping)
 
 
 EFFECT = Effect(
@@ -19,6 +41,8 @@ EFFECT = Effect(
     of="shaft",
     quantities={"half_gap": Quantity("{q}", "backlash half gap", (0.0, 1e3), 1e-4, 0.0)},
     stamp=stamp,
+    states=states,
+    start=start,
     law="Ts = ks dead(z, a), z = twist + (cs/ks) d(twist)/dt",
     needs="shaft torque of both signs",
     source="Tallfors 2005, (5.17) and ch. 6; another law: Nordin, Galic, Gutman 1997",

@@ -9,7 +9,7 @@ def stamp(assembly, shaft):
     stiffness, damping, ratio = (assembly.of_shaft(shaft, s) for s in ("stiffness", "damping", "ratio"))
     assembly.shafts.append((stiffness, damping, ratio))
     # As a gap would have it; without one there is contact always.
-    of_contact = assembly.drive.damping_law == "inside"
+    of_contact = assembly.drive.damping_law != "always"
     (assembly.contact_damping if of_contact else assembly.always_damping)[shaft] = damping
 
 

@@ -70,11 +70,11 @@ def next_event(s, holding_torque, net, mode, x, u, w, p, end, just_switched):
         switched_now = (just_switched >> g) & 1 == 1
         rounding = s.reach[g, 0]
         for j in range(s.nx):
-            rounding += abs(s.spring[g, j, 0] * x[j])
+            rounding += abs((s.open_guard[g, j, 0] if mode[g] == 1 else s.spring[g, j, 0]) * x[j])
         for side in (1.0, -1.0):
             # In contact one guard counts, in the gap both do.
             if mode[g] == 1:
-                contact_guard(s.spring[g], s.reach[g, 0], side, -side, w, p)
+                contact_guard(s.open_guard[g], s.reach[g, 0], side, -side, w, p)
                 new = 0 if side > 0.0 else 2
             elif side == 1.0 - mode[g]:
                 contact_guard(s.spring[g], s.reach[g, 0], side, side, w, p)
@@ -150,6 +150,49 @@ def release_bodies(s, holding_torque, net, x, u, mode):
     return found
 
 
+@njit(**COMPILE)
+def follow_contacts(s, mode, x, sens):
+    """Set the elastic twists of the gaps in contact, which are the twists beyond the half gap, and their columns."""
+    for g in range(s.ng):
+        e, twist, side = s.relaxing[g, 0], s.relaxing[g, 1], 1.0 - mode[g]
+        if e >= 0 and side != 0.0:
+            stiffness = s.open_guard[g, twist, 0]
+            half = s.reach[g, 0] / stiffness
+            x[e] = x[twist] - side * half
+            for q in range(sens.shape[1]):
+                sens[e, q] = sens[twist, q]
+                if q < s.nq:
+                    sens[e, q] -= side * (s.reach[g, q + 1] - half * s.open_guard[g, twist, q + 1]) / stiffness
+
+
+@njit(**COMPILE)
+def close_relaxed_gap(s, a, g, side, x, u, sens, shift):
+    """Saltation where a gap closes whose shaft has relaxed: the torque of its damping starts at once.
+
+    a      (nx, nz, 1 + nq) state matrix in the gap; shift (ns,) scratch, the derivatives of the instant
+    """
+    e, rate, jump = s.relaxing[g, 0], 0.0, -side * s.reach[g, 0]
+    for j in range(s.nx):
+        if s.open_guard[g, j, 0] != 0.0:
+            rate += s.open_guard[g, j, 0] * net_load(a[j, :, 0], x, u)
+        jump += s.spring[g, j, 0] * x[j]
+    for q in range(sens.shape[1]):
+        v = 0.0
+        for j in range(s.nx):
+            v += s.open_guard[g, j, 0] * sens[j, q]
+            if q < s.nq:
+                v += s.open_guard[g, j, q + 1] * x[j]
+        if q < s.nq:
+            v -= side * s.reach[g, q + 1]
+        shift[q] = -v / rate
+    for q in range(sens.shape[1]):
+        for end in range(2):
+            row = s.gap_rows[g, end]
+            sens[row, q] -= s.gap_gain[g, end, 0] * jump / s.mass[row, 0] * shift[q]
+        # Its own rate becomes that of the twist.
+        sens[e, q] -= rate / s.open_guard[g, s.relaxing[g, 1], 0] * shift[q]
+
+
 @njit(**INLINED)
 def unlocated_step(s, c, x, u, i, sens, mode, part, k, h):
     """A stretch in a mode too fast for the sampling: exact in that mode, which is re-determined at its end."""
@@ -164,8 +207,9 @@ def unlocated_step(s, c, x, u, i, sens, mode, part, k, h):
         for q in range(sens.shape[1]):
             sens[r, q] = c.columns[0, r, q]
     stop_reversed_bodies(s, c.holding_torque, c.net_torque[k], x, u[i], sens, mode)
-    guard_values(s.spring, s.slip_rows, x, c.guards)
+    guard_values(s, mode, x, c.guards)
     classify(s.reach, c.guards, mode)
+    follow_contacts(s, mode, x, sens)
 
 
 @njit(**COMPILE)
@@ -213,6 +257,8 @@ def step_through_events(s, c, x, inputs, i, sens, mode, part):
             just_switched = 0
         rest = rest - te if te < rest else 0.0
         if element >= 0:
+            if element < s.ng and digit != 1 and s.relaxing[element, 0] >= 0:
+                close_relaxed_gap(s, a, element, 1.0 - digit, x, u, sens, c.gradient)
             switch_mode(s, c.holding_torque, net, mode, x, u, sens, element, digit)
             just_switched |= 1 << element
             events += 1

@@ -14,14 +14,14 @@ from drivetool.drive.compile import INLINED, NO_OVERLAP
 
 
 @njit(**INLINED)
-def guard_values(spring, slip_rows, x, v):
+def guard_values(s, mode, x, v):
     """Contact torques and speeds that determine the mode: v (elements,)."""
-    for g in range(spring.shape[0]):
+    for g in range(s.ng):
         v[g] = 0.0
         for j in range(x.size):
-            v[g] += spring[g, j, 0] * x[j]
-    for f in range(slip_rows.size):
-        v[spring.shape[0] + f] = x[slip_rows[f]]
+            v[g] += (s.open_guard[g, j, 0] if mode[g] == 1 else s.spring[g, j, 0]) * x[j]
+    for f in range(s.nf):
+        v[s.ng + f] = x[s.slip_rows[f]]
 
 
 @njit(**INLINED)

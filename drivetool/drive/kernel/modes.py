@@ -109,6 +109,10 @@ def stamp_mode(s, c, mode, k):
         if mode[g] != 1:
             for e in range(2):
                 stamp_contact(s, a, g, e, 1.0 - mode[g])
+            if s.relaxing[g, 0] >= 0:  # in contact the elastic twist follows the twist
+                for j in range(const + 1):
+                    for q in range(jet):
+                        a[s.relaxing[g, 0], j, q] = s.rows[s.relaxing[g, 1], j, q]
     for f in range(s.nf):
         row = s.slip_rows[f]
         for j in range(const + 1):
@@ -165,7 +169,7 @@ def fill_guard_rows(s, c, mode, k, h):
             row[j] = c.net_torque[k, f, j] if f >= 0 and mode[e] == 1 else 0.0
         if f < 0:
             for j in range(s.nx):
-                row[j] = s.spring[e, j, 0]
+                row[j] = s.open_guard[e, j, 0] if mode[e] == 1 else s.spring[e, j, 0]
         elif mode[e] != 1:
             row[s.slip_rows[f]] = 1.0
         for j in range(row.size):

@@ -21,7 +21,7 @@ from drivetool.drive.compile import (
     as_unit,
 )
 from drivetool.drive.kernel.event_free_steps import sized_run_loop, sized_step, write_row
-from drivetool.drive.kernel.events import net_load, step_through_events, switch_late
+from drivetool.drive.kernel.events import follow_contacts, net_load, step_through_events, switch_late
 from drivetool.drive.kernel.exact_step import (
     classify,
     decay_state,
@@ -54,10 +54,12 @@ def use_measurement(gain, i, m, e, x, sens, col, with_sens):
 
 
 @njit(**INLINED)
-def reclassify(spring, slip_rows, reach, x, mode, old):
+def reclassify(s, x, mode, sens, old):
     """Set the mode from the state, after a jump; returns whether it changed."""
-    guard_values(spring, slip_rows, x, old)
-    return classify(reach, old, mode)
+    guard_values(s, mode, x, old)
+    changed = classify(s.reach, old, mode)
+    follow_contacts(s, mode, x, sens)
+    return changed
 
 
 @njit(**COMPILE)
@@ -148,14 +150,14 @@ def simulate_pass(s, c, laws, p, clock, event_free_loop, step):
     returns  samples in which events were located
     """
     phi, dphi, guard_rows, guard_instants, guards = c.phi, c.dphi, c.guard_rows, c.guard_instants, c.guards
-    spring, slip_rows, output_state = s.spring, s.slip_rows, s.output_state
+    spring, output_state = s.spring, s.output_state
     reach, level, outputs, output_gap, memory = s.reach, c.holding_torque, s.outputs, s.output_gap, s.memory
     u, late, y, gain, weight, x, sens, mode = p.u, p.late, p.y, p.gain, p.weight, p.x, p.sens, p.mode
     out, jac, states = p.out, p.jac, p.states
     n, parts, early = mode.size, s.part_lengths.size, s.parts_before_switch
     row, b, col, t = c.vectors[0], c.vectors[1], c.gradient, c.columns[0]
     if p.fresh != 0:
-        reclassify(spring, slip_rows, reach, x, mode, guards)
+        reclassify(s, x, mode, sens, guards)
     observed, decaying, located, first, last = gain.shape[0] > 0, decaying_state(memory), 0, -1, -1
     may_loop, i, length = parts == 1 and c.dead_time_switch == 0, 0, s.part_lengths.sum()
     while i < u.shape[0]:
@@ -173,7 +175,7 @@ def simulate_pass(s, c, laws, p, clock, event_free_loop, step):
                 jac)
         if observed and s.nf > 0:
             keep_sticking(s, c, first, mode, x, u[i], length, sens)
-        if observed and n > 0 and reclassify(spring, slip_rows, reach, x, mode, guards):
+        if observed and n > 0 and reclassify(s, x, mode, sens, guards):
             first = -1
         for part in range(parts):
             held = late if part < early else u

@@ -17,7 +17,7 @@ from drivetool.drive.compile import (
     WHOLES,
     as_unit,
 )
-from drivetool.drive.kernel.events import MAX_EVENTS_PER_PART, net_load, next_event, switch_mode, unlocated_step
+from drivetool.drive.kernel.events import MAX_EVENTS_PER_PART, close_relaxed_gap, net_load, next_event, switch_mode, unlocated_step
 from drivetool.drive.kernel.laws import law_at, set_holding_torque
 from drivetool.drive.kernel.modes import MAX_LOCATED_RATE, lookup
 from drivetool.drive.kernel.roots import horner
@@ -269,6 +269,8 @@ def step_through_law_events(s, c, laws, x, inputs, i, time, sens, mode, part):
         rest = rest - te if te < rest else 0.0
         time += te
         if element >= 0:
+            if element < s.ng and digit != 1 and s.relaxing[element, 0] >= 0:
+                close_relaxed_gap(s, a, element, 1.0 - digit, x, u, sens, c.gradient)
             side, dropped = 1.0 - mode[element], remove_friction_laws(s, laws, element, x)
             switch_mode(s, c.holding_torque, net, mode, x, u, sens, element, digit)
             if element >= s.ng and side * (1.0 - mode[element]) < 0.0:

@@ -71,7 +71,8 @@ def _with_law_states(assembly: Assembly, s: System) -> System:
     mass = np.zeros((nx, jet))
     mass[:n], mass[n:, 0] = s.mass, 1.0
     picks = np.where(outputs[:, n:, 0].any(axis=1), -1, s.output_state)
-    return s._replace(rows=rows, mass=mass, spring=_padded_rows(s.spring, nx), outputs=outputs, output_state=picks,
+    return s._replace(rows=rows, mass=mass, spring=_padded_rows(s.spring, nx),
+                      open_guard=_padded_rows(s.open_guard, nx), outputs=outputs, output_state=picks,
                       memory=np.concatenate([s.memory, np.ones(more)]), nx=nx)
 
 

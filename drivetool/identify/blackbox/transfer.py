@@ -142,7 +142,8 @@ class TransferForm:
         none = np.zeros(0, np.int64)
         ns = -(-(jet - 1 + nx + 1) // COLUMN_MULTIPLE) * COLUMN_MULTIPLE if gradient else nx
         return Plant(System(
-            rows, mass, np.zeros((0, nx, jet)), np.zeros((0, jet)), none.reshape(0, 2),
+            rows, mass, np.zeros((0, nx, jet)), np.zeros((0, nx, jet)), none.reshape(0, 2), np.zeros((0, jet)),
+            none.reshape(0, 2),
             np.zeros((0, 2, jet)), none, np.zeros((0, jet)), outputs,
             np.full(1, -1, np.int64), np.full(1, shown, np.int64),
             np.array([part, h - part]) if self.dead_time else np.array([h]), int(bool(self.dead_time)),

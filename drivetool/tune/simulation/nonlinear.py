@@ -49,11 +49,11 @@ def closed_loop(loop: Loop, settings: Settings, step: float, outputs: Sequence[s
     rows[:nm, :n, 0] += control * plain.mass
     rows[nm:, :n, 0] = closed[nm:]
     rows[:, n + REFERENCE_COLUMN, 0] = loop.reference(settings) * mass[:, 0]
-    spring = np.zeros((plain.ng, n, 1))
-    spring[:, :nm] = plain.spring
+    spring, open_guard = np.zeros((plain.ng, n, 1)), np.zeros((plain.ng, n, 1))
+    spring[:, :nm], open_guard[:, :nm] = plain.spring, plain.open_guard
     read = np.zeros((plain.ny, n, 1))
     read[:, :nm] = plain.outputs
-    return Plant(plain._replace(rows=rows, mass=mass, spring=spring, outputs=read, memory=np.ones(n), nx=n, nu=2,
+    return Plant(plain._replace(rows=rows, mass=mass, spring=spring, open_guard=open_guard, outputs=read, memory=np.ones(n), nx=n, nu=2,
                                 ns=n, plain=n))
 
 
