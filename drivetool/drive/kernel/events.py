@@ -8,6 +8,8 @@ comes to rest or reverses without resting.
 
 from __future__ import annotations
 
+import math
+
 from numba import njit
 
 from drivetool.drive.compile import CACHE, COMPILE, INLINED, REALS, SYSTEM, WHOLE, WHOLES, as_unit
@@ -166,11 +168,22 @@ def follow_contacts(s, mode, x, sens):
 
 
 @njit(**COMPILE)
-def close_relaxed_gap(s, a, g, side, x, u, sens, shift):
+def started_torque(s, holding_torque, net, mode, row, torque, x, u):
+    """What a torque that starts at once adds to that on a body: all of it, or what friction does not hold."""
+    for f in range(s.nf):
+        if s.slip_rows[f] == row and mode[s.ng + f] == 1:
+            load = net_load(net[f], x, u) + torque
+            return math.copysign(max(abs(load) - holding_torque[f, 0], 0.0), load)
+    return torque
+
+
+@njit(**COMPILE)
+def close_relaxed_gap(s, c, k, g, side, mode, x, u, sens):
     """Saltation where a gap closes whose shaft has relaxed: the torque of its damping starts at once.
 
-    a      (nx, nz, 1 + nq) state matrix in the gap; shift (ns,) scratch, the derivatives of the instant
+    k  slot of the mode in the gap
     """
+    a, shift = c.a_matrix[k], c.gradient
     e, rate, jump = s.relaxing[g, 0], 0.0, -side * s.reach[g, 0]
     for j in range(s.nx):
         if s.open_guard[g, j, 0] != 0.0:
@@ -185,11 +198,12 @@ def close_relaxed_gap(s, a, g, side, x, u, sens, shift):
         if q < s.nq:
             v -= side * s.reach[g, q + 1]
         shift[q] = -v / rate
-    for q in range(sens.shape[1]):
-        for end in range(2):
-            row = s.gap_rows[g, end]
-            sens[row, q] -= s.gap_gain[g, end, 0] * jump / s.mass[row, 0] * shift[q]
-        # Its own rate becomes that of the twist.
+    for end in range(2):
+        row = s.gap_rows[g, end]
+        torque = started_torque(s, c.holding_torque, c.net_torque[k], mode, row, s.gap_gain[g, end, 0] * jump, x, u)
+        for q in range(sens.shape[1]):
+            sens[row, q] -= torque / s.mass[row, 0] * shift[q]
+    for q in range(sens.shape[1]):  # its own rate becomes that of the twist
         sens[e, q] -= rate / s.open_guard[g, s.relaxing[g, 1], 0] * shift[q]
 
 
@@ -258,7 +272,7 @@ def step_through_events(s, c, x, inputs, i, sens, mode, part):
         rest = rest - te if te < rest else 0.0
         if element >= 0:
             if element < s.ng and digit != 1 and s.relaxing[element, 0] >= 0:
-                close_relaxed_gap(s, a, element, 1.0 - digit, x, u, sens, c.gradient)
+                close_relaxed_gap(s, c, k, element, 1.0 - digit, mode, x, u, sens)
             switch_mode(s, c.holding_torque, net, mode, x, u, sens, element, digit)
             just_switched |= 1 << element
             events += 1

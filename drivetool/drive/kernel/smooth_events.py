@@ -270,7 +270,7 @@ def step_through_law_events(s, c, laws, x, inputs, i, time, sens, mode, part):
         time += te
         if element >= 0:
             if element < s.ng and digit != 1 and s.relaxing[element, 0] >= 0:
-                close_relaxed_gap(s, a, element, 1.0 - digit, x, u, sens, c.gradient)
+                close_relaxed_gap(s, c, k, element, 1.0 - digit, mode, x, u, sens)
             side, dropped = 1.0 - mode[element], remove_friction_laws(s, laws, element, x)
             switch_mode(s, c.holding_torque, net, mode, x, u, sens, element, digit)
             if element >= s.ng and side * (1.0 - mode[element]) < 0.0:

@@ -35,7 +35,8 @@ START_DAMPING_SHARES = (0.6, 1.0, 1.6)
 # Log likelihood behind the likeliest start, a choice: further behind, a start is given up.
 MAX_GAP_START_LOSS = 300.0
 LAW_DESCRIPTIONS = {"inside": "the damping acts in contact only",
-                    "always": "the damping acts in contact and in the gap"}
+                    "always": "the damping acts in contact and in the gap",
+                    "contact": "the damping acts in contact only and the shaft relaxes in the gap"}
 
 
 @dataclass(frozen=True)
@@ -51,7 +52,7 @@ class BothLaws:
         """Log likelihood of the outcome's law over the other, below zero if it is behind; infinite without one."""
         others = [o.fit.value for law, o in self.each.items()
                   if law != self.outcome.drive.damping_law]
-        return others[0] - self.outcome.fit.value if others else float("inf")
+        return min(others) - self.outcome.fit.value if others else float("inf")
 
 
 def both_laws(task: Task, options: Options) -> BothLaws | None:
@@ -75,7 +76,11 @@ def both_laws(task: Task, options: Options) -> BothLaws | None:
         n for n in options.known.names if n in task.drive.values and n not in options.hold and not is_constant(n)]
     each: dict[str, Outcome] = {}
     for law in get_args(DampingLaw):
-        starts = [start for one in seen for start in _law_starts(task, shaft, law, one, names)]
+        if law == "contact":  # from where its neighbour ended: both differ in the gap alone
+            near = each.get("inside")
+            starts = [] if near is None else [replace(near.fitted, drive=replace(near.fitted.drive, damping_law=law))]
+        else:
+            starts = [start for one in seen for start in _law_starts(task, shaft, law, one, names)]
         if (found := _fit_of_law(starts, (*task.free, *with_prior), names)) is not None:
             each[law] = found
     converged = [o for o in each.values() if o.converged]
@@ -192,10 +197,10 @@ def gap_law_finding(both: BothLaws, shaft: str, converged: bool = True) -> Findi
             f"The damping law of the gap is not identifiable: the fit did not converge ({sizes}).",
             evidence, "Give better start values with --set, or record more passages through the gap.")
     if both.lead <= MIN_LAW_LEAD:
+        best = min(o.fit.value for o in both.each.values())
+        tied = [LAW_DESCRIPTIONS[name] for name, o in both.each.items() if o.fit.value <= best + MIN_LAW_LEAD]
         return Finding(
-            "note", "gap-law",
-            f"This record does not distinguish whether {LAW_DESCRIPTIONS['inside']} or "
-            f"{LAW_DESCRIPTIONS['always']} ({sizes}).",
+            "note", "gap-law", f"This record does not distinguish whether {' or '.join(tied)} ({sizes}).",
             {**evidence, "log_likelihood_lead": both.lead},
             "Record more passages through the gap, slow ones too: damping in the gap has its largest effect "
             "there.")
