@@ -55,6 +55,7 @@ class Law:
     shaft: int
     slides: bool
     into: Row
+    drives: bool
 
 
 class Assembly:
@@ -66,6 +67,8 @@ class Assembly:
     relaxing      shaft -> column of its elastic twist, which relaxes in the gap
     always_damping, contact_damping    shaft -> damping whether or not it is in contact, and only in contact
     frictions     body -> level of set-valued friction; laws: smooth ones
+    losses        body -> (loss where it is driven, loss where it drives, rotor's share of its mass) of the
+                  transmission in front of it
     friction_factor  on all friction; input_gain: body -> factor on its input; sensed: role -> column that it reads
     replaced      (body, suffix) of friction that another law contains
     law_rate      at which a law's torque changes over the rate of the linear modes
@@ -101,6 +104,7 @@ class Assembly:
         self.contact_damping: dict[int, Dual] = {}
         self.relaxing: dict[int, int] = {}
         self.frictions: dict[int, Dual] = {}
+        self.losses: dict[int, tuple[Dual, Dual, Dual]] = {}
         self.laws: list[Law] = []
         self.friction_factor = self.number(1.0)
         self.input_gain = {body: self.number(1.0) for body in range(self.n)}
@@ -184,18 +188,21 @@ class Assembly:
         self.frictions[body] = self.frictions[body] + level if body in self.frictions else level
 
     def law(self, torque: Callable, parameters: Sequence[Dual], first: Row, second: Row | None = None, *,
-            body: int = -1, shaft: int = -1, slides: bool = False, into: Row | None = None) -> None:
+            body: int = -1, shaft: int = -1, slides: bool = False, into: Row | None = None,
+            drives: bool = False) -> None:
         """Add a smooth law: a torque on a body, or one in a shaft that acts on both its ends.
 
         torque         of an effect of the catalogue, called as `Effect.torque`
         body           index of a body; or of another state, whose rate it adds to
         first, second  its arguments over the state
         slides         whether it is friction, which acts while the body slides
+        drives         whether it is a torque of the motor, in front of any transmission
         into           rows that it adds to and its factors there, unless it is the torque itself on the body
         """
         if torque not in LAW_TORQUES:
             raise ValueError(f"{torque.__module__} adds a law that its EFFECT does not declare as `torque`")
-        self.laws.append(Law(torque, tuple(parameters), first, second or {}, body, shaft, slides, into or {}))
+        self.laws.append(Law(torque, tuple(parameters), first, second or {}, body, shaft, slides, into or {},
+                             drives))
 
     def twist(self, shaft: int) -> Row:
         """Twist of a shaft over the state."""
@@ -228,6 +235,16 @@ class Assembly:
         if shaft not in self.gaps:
             return self.closed_shaft(shaft)
         return self._damper(shaft, self.always_damping[shaft]) if shaft in self.always_damping else {}
+
+    def transmitted(self, body: int) -> Row:
+        """Torque over state and inputs that a transmission passes on to a body at rest, but for a gap's contact.
+
+        Of the first body it is that of the motor: the transmission is behind the rotor.
+        """
+        if body:
+            return self.always_transmitted(body - 1)
+        own = {self.motor_column: self.input_gain[0]}
+        return own | ({self.states.index("disturbance"): self.number(1.0)} if "disturbance" in self.states else {})
 
     def in_contact(self, shaft: int) -> Row:
         """Torque of a shaft in the contact of a gap only: its spring, and the damping that is part of it."""
@@ -324,12 +341,19 @@ class Assembly:
                 open_guard[g] = 0.0
                 open_guard[g, relaxing[g]] = -stiffness, stiffness
         outputs, output_gap = self._outputs()
+        bodies = sorted(self.frictions)
+        losses = sorted(self.losses)
+        gaps = list(self.gaps)
+        loss_gap = [gaps.index(b - 1) if b - 1 in gaps else -1 for b in losses]
+        transmitted = np.zeros((len(losses), nz, 1 + nq))
+        for t, b in enumerate(losses):
+            for j, dual in self.transmitted(b).items():
+                transmitted[t, j] = dual.jet()
         h = self.layout.step
         dead_time = self.number(0.0) if self.dead_time is None else self.dead_time
         samples = dead_time.v / h
         part = max(samples - int(samples + 1e-9), shortest) * h  # as the whole samples are counted
         part_lengths = np.array([h]) if self.dead_time is None else np.array([part, h - part])
-        bodies = sorted(self.frictions)
         memory = np.ones(nx)
         if self.layout.memory is not None:
             memory[self.states.index("disturbance")] = self.layout.memory
@@ -338,10 +362,14 @@ class Assembly:
             rows, self._jets(self.masses + [self.number(1.0)] * (nx - self.n)), spring, open_guard, relaxing,
             self._jets(reach), np.array([(k, k + 1) for k in self.gaps], np.int64).reshape(-1, 2),
             self._jets(gains).reshape(-1, 2, 1 + nq),
-            np.array(bodies, np.int64), self._jets([self.frictions[b] for b in bodies]), outputs, output_gap,
+            np.array(bodies, np.int64), self._jets([self.frictions[b] for b in bodies]),
+            np.array([losses.index(b) if b in losses else -1 for b in bodies], np.int64),
+            np.array(loss_gap, np.int64), transmitted,
+            self._jets([share for b in losses for share in self.losses[b][:2]]).reshape(-1, 2, 1 + nq),
+            self._jets([self.losses[b][2] for b in losses]), outputs, output_gap,
             _output_states(outputs, output_gap), np.repeat(part_lengths, pieces) / pieces,
             (len(part_lengths) - 1) * pieces,
-            dead_time.d, memory, nx, self.nu, nq, len(self.gaps), len(self.frictions),
+            dead_time.d, memory, nx, self.nu, nq, len(self.gaps), len(bodies), len(losses),
             len(outputs), ns, nx)
 
     def _jets(self, duals: Sequence[Dual]) -> np.ndarray:

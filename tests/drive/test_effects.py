@@ -50,6 +50,7 @@ SMOOTH = {
     "torque-ripple": {"motor.ripple_sine": 3.0, "motor.ripple_cosine": 2.0, "motor.ripple_order": 7.5},
     "imbalance": {"load.imbalance_sine": 3.0, "load.imbalance_cosine": 2.0},
     "bristle-friction": {"load.bristle_stiffness": 400.0, "load.bristle_damping": 3.0},
+    "transmission-loss": {"load.loss_driving": 0.1, "load.loss_driven": 0.2},
     "load-step": {"load.step_torque": 8.0, "load.step_time": 0.2},
     "hardening-stiffness": {"shaft.hardening": 0.5, "shaft.hardening_twist": 0.01},
     "load-dependent-damping": {"shaft.load_damping": 0.02},

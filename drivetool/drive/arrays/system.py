@@ -2,7 +2,8 @@
 
 Within a mode the state obeys M dx/dt = Q z, z = [x, inputs, 1]. A mode has one digit per
 element, gaps first: 0 contact on the positive side, 1 open, 2 contact on the negative side; then
-frictions: 0 slip forward, 1 stick, 2 slip backward.
+frictions: 0 slip forward, 1 stick, 2 slip backward; then transmissions with a loss: 0 the torque
+transmitted is positive, 1 zero, 2 negative.
 
 A jet is a number followed by its derivatives over the nq free parameters, along the last axis.
 A block of code is "sized" if it is compiled for a fixed number of states and one input: its loops are unrolled.
@@ -33,7 +34,7 @@ MAX_GUARD_INSTANTS = 8
 
 
 class System(NamedTuple):
-    """nx states, nu inputs, nz = nx + nu + 1, ng gaps, nf frictions, ny outputs, ns columns.
+    """nx states, nu inputs, nz = nx + nu + 1, ng gaps, nf frictions, nt losses, ny outputs, ns columns.
 
     The first `plain` states are the drive's; the states of the smooth laws follow.
 
@@ -47,6 +48,11 @@ class System(NamedTuple):
     gap_gain    (ng, 2, 1 + nq)   by which factor: -1/ratio and 1
     slip_rows   (nf,)             bodies with Coulomb friction
     level       (nf, 1 + nq)      Coulomb torque of that body
+    loss_of     (nf,)             transmission whose loss adds to that friction, or -1
+    loss_gap    (nt,)             gap in that transmission, or -1
+    transmitted (nt, nz, 1 + nq)  Q of the torque that it transmits to the body at rest, without a gap's contact
+    loss        (nt, 2, 1 + nq)   share of it that is friction where it drives the body, where it is driven
+    rotor_share (nt, 1 + nq)      share of the mass that lies in front of the transmission
     outputs     (ny, nx, 1 + nq)  y = C x
     output_gap  (ny,)             gap whose torque adds to the output, or -1
     output_state  (ny,)           state that the output equals, or -1 if it is a combination
@@ -66,6 +72,11 @@ class System(NamedTuple):
     gap_gain: Float3
     slip_rows: Int1
     level: Float2
+    loss_of: Int1
+    loss_gap: Int1
+    transmitted: Float3
+    loss: Float3
+    rotor_share: Float2
     outputs: Float3
     output_gap: Int1
     output_state: Int1
@@ -78,9 +89,15 @@ class System(NamedTuple):
     nq: int
     ng: int
     nf: int
+    nt: int
     ny: int
     ns: int
     plain: int
+
+    @property
+    def elements(self) -> int:
+        """Number of switching elements, each with a digit in a mode."""
+        return self.ng + self.nf + self.nt
 
 
 class Laws(NamedTuple):
@@ -150,12 +167,12 @@ class Cache(NamedTuple):
     dphi           (cap, nx, nz, nq)        its derivative
     dphi_blocks    (cap, chunks, WIDE_BLOCK nx nz)  dphi in blocks of WIDE_BLOCK columns, all rows
                    of a block in sequence
-    net_torque     (cap, nf, nz)            torque on a body without its Coulomb friction
+    net_torque     (cap, nf + nt, nz)       torque on a body without its Coulomb friction; then torques transmitted
     guard_rows     (cap, elements, MAX_GUARD_INSTANTS + 1, nz)  guard value at the start of the part and at instants
                    inside, over z at its start
     phi_mid        (cap, nx, nz)            x in the middle of the part, dphi_mid its derivative, dphi_mid_blocks
                    that in blocks: with laws only
-    holding_torque (nf, 1)                  torque up to which friction holds a body at rest
+    holding_torque (nf + nt, 1)             torque up to which friction holds a body at rest; then zeros
     guard_instants (cap,)                   how many instants inside there are
     rate           (cap,)                   balanced norm of a_matrix [1/s]
 
@@ -164,7 +181,7 @@ class Cache(NamedTuple):
     The rest is scratch, for the kernel allocates nothing:
     jets (3, nx, nz, 1 + nq), square (nx, nx), transition (nx, plain and a few more), columns (3, nx, ns),
     series (SERIES_ORDER + 1, nx), poly (SERIES_ORDER + 1,), vectors (5, nx), row_scratch (3, nz),
-    guards (elements,), gradient (ns,)
+    guards (ng + nf,), gradient (ns,)
 
     compute_mode, event_step, dead_time_switch    addresses of units compute_mode, step_through_events and, if the
                                                   dead time is free, switch_late; 0 where it is not needed
@@ -259,7 +276,7 @@ class FilterBuffers(NamedTuple):
 def empty_cache(s: System, laws: Laws | None, addresses: tuple[int, int, int]) -> Cache:
     """An empty cache for the modes of a system; addresses of its units."""
     nx, nz, jet = s.rows.shape
-    elements = s.ng + s.nf
+    elements = s.elements
     modes = 3 ** elements * s.part_lengths.size
     cap = min(modes, MAX_CACHED_MODES) + 1
     half = 0 if laws is None else cap
@@ -268,12 +285,13 @@ def empty_cache(s: System, laws: Laws | None, addresses: tuple[int, int, int]) -
     return Cache(slot, np.zeros((cap, nx, nz, jet)), np.zeros((cap, nx, nz)),
                  np.zeros((cap, nx, nz, jet - 1)),
                  np.zeros((cap, -(-(jet - 1) // WIDE_BLOCK), WIDE_BLOCK * nx * nz)),
-                 np.zeros((cap, s.nf, nz)),
+                 np.zeros((cap, s.nf + s.nt, nz)),
                  np.zeros((cap, elements, MAX_GUARD_INSTANTS + 1, nz)), np.zeros(cap, np.int64), np.zeros(cap),
                  np.zeros((half, nx, nz)), np.zeros((half, nx, nz, jet - 1)),
-                 np.zeros((half, -(-(jet - 1) // WIDE_BLOCK), WIDE_BLOCK * nx * nz)), s.level[:, :1].copy(),
+                 np.zeros((half, -(-(jet - 1) // WIDE_BLOCK), WIDE_BLOCK * nx * nz)),
+                 np.vstack([s.level[:, :1], np.zeros((s.nt, 1))]),
                  np.zeros((3, nx, nz, jet)), np.zeros((nx, nx)),
                  np.zeros((nx, -(-s.plain // NARROW_BLOCK) * NARROW_BLOCK)),
                  np.zeros((3, nx, s.ns)),
                  np.zeros((SERIES_ORDER + 1, nx)), np.zeros(SERIES_ORDER + 1), np.zeros((5, nx)),
-                 np.zeros((3, nz)), np.zeros(elements), np.zeros(s.ns), *addresses)
+                 np.zeros((3, nz)), np.zeros(s.ng + s.nf), np.zeros(s.ns), *addresses)

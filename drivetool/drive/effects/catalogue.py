@@ -30,6 +30,7 @@ from drivetool.drive.effects import (
     speed_filter,
     stribeck,
     torque_constant,
+    transmission_loss,
     viscous,
     warm_up,
 )
@@ -67,6 +68,7 @@ EFFECTS: tuple[Effect, ...] = (
     speed_filter.EFFECT,
     induction.EFFECT,
     lugre.EFFECT,
+    transmission_loss.EFFECT,
 )
 
 # The smooth laws; the kernel uses their position. Effects may share one.

@@ -54,7 +54,7 @@ def stamp(assembly, _motor):
         speed, pairs = {assembly.speed(0): one}, own["pole_pairs"]
         assembly.law(torque, [-sign * pairs], speed, {rotor[other]: one}, body=rotor[axis])
         strength = sign * VECTOR_POWER_SCALE * pairs * mutual
-        assembly.law(torque, [strength], {stator[other]: one}, {rotor[axis]: one}, body=0)
+        assembly.law(torque, [strength], {stator[other]: one}, {rotor[axis]: one}, body=0, drives=True)
 
 
 def states(assembly, motor):

@@ -29,7 +29,7 @@ def stamp(assembly, body):
     for ripple in RIPPLES:
         if assembly.acts(body, f"{ripple}_sine") or assembly.acts(body, f"{ripple}_cosine"):
             parameters = [assembly.of_body(body, f"{ripple}_{what}") for what in RIPPLE_QUANTITIES]
-            assembly.law(torque, parameters, assembly.angle_of(body), body=body)
+            assembly.law(torque, parameters, assembly.angle_of(body), body=body, drives=True)
 
 
 EFFECT = Effect(

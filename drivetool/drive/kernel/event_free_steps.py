@@ -209,7 +209,7 @@ def sized_filter_loop(n: int) -> Callable:
     @njit(**INLINED)
     def loop(s, c, f, k, q, i):
         e, rows, guard_instants, mode, x = c.phi[k], c.guard_rows[k], c.guard_instants[k], f.mode, state(f.x, 0, 1)
-        for d in range(s.ng, mode.size):
+        for d in range(s.ng, s.ng + s.nf):
             if mode[d] == 1:  # noise may end the sticking
                 return i
         p, noise_input = lower_half(f.p, x), state(f.noise_input, 0, 1)

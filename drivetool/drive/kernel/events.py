@@ -2,19 +2,17 @@
 
 Inside a mode the state is a power series in time, and every guard is a scalar polynomial of time. The earliest root
 among the guards ends the stretch and the mode changes. The saltation matrix carries the sensitivities across. Gap
-laws are continuous at the contact, and so is breakaway: the saltation differs from the identity only where a body
-comes to rest or reverses without resting.
+laws are continuous at the contact, and so are breakaway and the loss of a transmission: the saltation differs from
+the identity only where a body comes to rest or reverses without resting, and where a relaxed gap closes.
 """
 
 from __future__ import annotations
-
-import math
 
 from numba import njit
 
 from drivetool.drive.compile import CACHE, COMPILE, INLINED, REALS, SYSTEM, WHOLE, WHOLES, as_unit
 from drivetool.drive.kernel.exact_step import classify, guard_values, predict, propagate_rows
-from drivetool.drive.kernel.modes import MAX_LOCATED_RATE, compute_mode, lookup
+from drivetool.drive.kernel.modes import MAX_LOCATED_RATE, compute_mode, lookup, torque_to_start
 from drivetool.drive.kernel.roots import first_exit, horner
 from drivetool.drive.kernel.series import propagate_sensitivities, series
 
@@ -36,8 +34,8 @@ def contact_guard(spring, reach, side, sign, w, p):
 
 
 @njit(**INLINED)
-def stick_guard(net, u, level, side, w, p):
-    """Polynomial level - side * (torque on the sticking body)."""
+def torque_guard(net, u, level, side, w, p):
+    """Polynomial level - side * (torque on the sticking body, or transmitted)."""
     nx = w.shape[1]
     for k in range(p.size):
         v = 0.0
@@ -62,12 +60,24 @@ def rounding_scale(row, x, u):
 
 
 @njit(**INLINED)
-def next_event(s, holding_torque, net, mode, x, u, w, p, end, just_switched):
+def next_event(s, holding_torque, net, mode, x, u, w, p, end, just_switched, scratch):
     """(time, element, new digit) of the earliest event, element -1 if there is none.
 
-    `just_switched` has a bit for every element that has switched at this instant.
+    `just_switched` has a bit for every element that has switched at this instant; scratch (nz,).
     """
     te, element, digit = end, -1, 0
+    for t in range(s.nt):
+        e, row = s.ng + s.nf + t, net[s.nf + t]
+        switched_now = (just_switched >> e) & 1 == 1
+        rounding = GUARD_ROUNDING * rounding_scale(row, x, u)
+        for side in (1.0, -1.0):
+            if side != 1.0 - mode[e]:
+                torque_guard(row, u, 0.0, side, w, p)
+                at = first_exit(p, te, switched_now, end, rounding)
+                if at >= 0.0:
+                    te, element, digit = at, e, 0 if side > 0.0 else 2
+    if element >= 0 and te == 0.0:  # the other guards are those of the new sign
+        return te, element, digit
     for g in range(s.ng):
         switched_now = (just_switched >> g) & 1 == 1
         rounding = s.reach[g, 0]
@@ -98,7 +108,8 @@ def next_event(s, holding_torque, net, mode, x, u, w, p, end, just_switched):
                 te, element, digit = t, e, 1
         else:
             for side in (1.0, -1.0):
-                stick_guard(net[f], u, level, side, w, p)
+                torque_to_start(s, net, mode, f, side, scratch)
+                torque_guard(scratch, u, level, side, w, p)
                 t = first_exit(p, te, switched_now, end, rounding)
                 if t >= 0.0:
                     te, element, digit = t, e, 0 if side > 0.0 else 2
@@ -117,24 +128,78 @@ def net_load(net, x, u):
     return v
 
 
+@njit(**COMPILE)
+def transmitted_torque(s, f, mode, x, u):
+    """Torque that the transmission in front of the body of friction f passes on while the body is at rest."""
+    t = s.loss_of[f]
+    if t < 0:
+        return 0.0
+    torque, g = net_load(s.transmitted[t, :, 0], x, u), s.loss_gap[t]
+    if g >= 0 and mode[g] != 1:
+        torque -= (1.0 - mode[g]) * s.reach[g, 0]
+        for j in range(x.size):
+            torque += s.spring[g, j, 0] * x[j]
+    return torque
+
+
+@njit(**COMPILE)
+def accelerating_torque(s, f, load, through, way, level):
+    """What accelerates the body of friction f that slides in direction `way`, over its whole mass.
+
+    load     torque on it without its friction; through: that transmitted to it if it were at rest
+    level    its Coulomb torque. A body at rest starts in direction `way` if the result has that sign
+    """
+    torque, t = load - way * level, s.loss_of[f]
+    if t < 0:
+        return torque
+    rotor = s.rotor_share[t, 0]
+    factor = way if through - rotor * torque > 0.0 else -way
+    factor *= s.loss[t, 0 if factor > 0.0 else 1, 0]
+    return (torque - factor * through) / (1.0 - factor * rotor)
+
+
+@njit(**COMPILE)
+def direction_of_start(s, f, load, through, level):
+    """Direction in which a body at rest starts; zero if its friction holds it."""
+    if accelerating_torque(s, f, load, through, 1.0, level) > 0.0:
+        return 1.0
+    return -1.0 if accelerating_torque(s, f, load, through, -1.0, level) < 0.0 else 0.0
+
+
+@njit(**COMPILE)
+def holding_margin(s, holding_torque, net, f, mode, x, u):
+    """(torque that a resting body lacks to start in the nearer direction, half of the range that holds it).
+
+    net  (nz,) torque on it without its friction
+    """
+    load, level = net_load(net, x, u), holding_torque[f, 0]
+    if s.loss_of[f] >= 0:
+        through = transmitted_torque(s, f, mode, x, u)
+        forward = accelerating_torque(s, f, load, through, 1.0, level)
+        back = accelerating_torque(s, f, load, through, -1.0, level)
+        load, level = 0.5 * (forward + back), 0.5 * (back - forward)
+    return max(level - abs(load), 0.0), level
+
+
 @njit(**INLINED)
 def switch_mode(s, holding_torque, net, mode, x, u, sens, element, digit):
     """Change the mode at an event and apply the saltation."""
     f = element - s.ng
-    if f < 0 or mode[element] == 1:
+    if f < 0 or f >= s.nf or mode[element] == 1:
         mode[element] = digit
         return
     row, side, level = s.slip_rows[f], 1.0 - mode[element], holding_torque[f, 0]
     x[row] = 0.0
-    load = net_load(net[f], x, u)
-    if side * load >= -level:
+    load, through = net_load(net[f], x, u), transmitted_torque(s, f, mode, x, u)
+    reversed_torque = accelerating_torque(s, f, load, through, -side, level)
+    if side * reversed_torque >= 0.0:
         # Also where a load in the direction of motion tops the level by a rounding error.
         mode[element] = 1
         factor = 0.0
     else:
         mode[element] = 2 - mode[element]
-        # The body goes on through zero: its acceleration jumps from load - side Tc to load + side Tc.
-        factor = (load + side * level) / (load - side * level)
+        # The body goes on through zero: its acceleration jumps, for its friction changes its direction.
+        factor = reversed_torque / accelerating_torque(s, f, load, through, side, level)
     for q in range(sens.shape[1]):
         sens[row, q] *= factor
 
@@ -145,16 +210,25 @@ def release_bodies(s, holding_torque, net, x, u, mode):
     found = False
     for f in range(s.nf):
         if mode[s.ng + f] == 1:
-            load = net_load(net[f], x, u)
-            if abs(load) > holding_torque[f, 0]:
-                mode[s.ng + f] = 0 if load > 0.0 else 2
+            way = direction_of_start(s, f, net_load(net[f], x, u), transmitted_torque(s, f, mode, x, u),
+                                     holding_torque[f, 0])
+            if way != 0.0:
+                mode[s.ng + f] = 0 if way > 0.0 else 2
                 found = True
     return found
 
 
 @njit(**COMPILE)
+def follow_torques(s, net, x, u, mode):
+    """Set the digits of the torques transmitted; net (nf + nt, nz) of the mode of the rest."""
+    for t in range(s.nt):
+        torque = net_load(net[s.nf + t], x, u)
+        mode[s.ng + s.nf + t] = 0 if torque > 0.0 else 2 if torque < 0.0 else 1
+
+
+@njit(**COMPILE)
 def follow_contacts(s, mode, x, sens):
-    """Set the elastic twists of the gaps in contact, which are the twists beyond the half gap, and their columns."""
+    """Set elastic twists and their columns in contact, where they are the twists beyond the half gap."""
     for g in range(s.ng):
         e, twist, side = s.relaxing[g, 0], s.relaxing[g, 1], 1.0 - mode[g]
         if e >= 0 and side != 0.0:
@@ -169,11 +243,20 @@ def follow_contacts(s, mode, x, sens):
 
 @njit(**COMPILE)
 def started_torque(s, holding_torque, net, mode, row, torque, x, u):
-    """What a torque that starts at once adds to that on a body: all of it, or what friction does not hold."""
+    """What a torque that starts at once in the shaft adds to that on a body: what friction does not hold."""
     for f in range(s.nf):
-        if s.slip_rows[f] == row and mode[s.ng + f] == 1:
-            load = net_load(net[f], x, u) + torque
-            return math.copysign(max(abs(load) - holding_torque[f, 0], 0.0), load)
+        if s.slip_rows[f] == row:
+            load, through = net_load(net[f], x, u), transmitted_torque(s, f, mode, x, u)
+            way, level, before = 1.0 - mode[s.ng + f], holding_torque[f, 0], 0.0
+            if way == 0.0:
+                way = direction_of_start(s, f, load + torque, through + torque, level)
+                if way == 0.0:
+                    return 0.0
+            elif s.loss_of[f] < 0:
+                return torque
+            else:
+                before = accelerating_torque(s, f, load, through, way, level)
+            return accelerating_torque(s, f, load + torque, through + torque, way, level) - before
     return torque
 
 
@@ -221,6 +304,7 @@ def unlocated_step(s, c, x, u, i, sens, mode, part, k, h):
         for q in range(sens.shape[1]):
             sens[r, q] = c.columns[0, r, q]
     stop_reversed_bodies(s, c.holding_torque, c.net_torque[k], x, u[i], sens, mode)
+    follow_torques(s, c.net_torque[k], x, u[i], mode)
     guard_values(s, mode, x, c.guards)
     classify(s.reach, c.guards, mode)
     follow_contacts(s, mode, x, sens)
@@ -237,7 +321,8 @@ def stop_reversed_bodies(s, holding_torque, net, x, u, sens, mode):
         if digit != 1 and (1.0 - digit) * x[row] < 0.0:
             speed = x[row]
             x[row] = 0.0
-            if abs(net_load(net[f], x, u)) > holding_torque[f, 0]:
+            if direction_of_start(s, f, net_load(net[f], x, u), transmitted_torque(s, f, mode, x, u),
+                                  holding_torque[f, 0]) != 0.0:
                 x[row] = speed
             else:
                 for q in range(sens.shape[1]):
@@ -262,7 +347,8 @@ def step_through_events(s, c, x, inputs, i, sens, mode, part):
         te, element, digit = min(rest, 0.5 / max(c.rate[k], 1e-300)), -1, 0
         series(a, x, u, w)
         if events < MAX_EVENTS_PER_PART:
-            te, element, digit = next_event(s, c.holding_torque, net, mode, x, u, w, p, te, just_switched)
+            te, element, digit = next_event(s, c.holding_torque, net, mode, x, u, w, p, te, just_switched,
+                                            c.row_scratch[0])
         if te > 0.0:
             if sens.shape[1] > 0:
                 propagate_sensitivities(a, u, sens, w, v, t, te)
@@ -291,11 +377,14 @@ def switch_late(s, c, x, u, late, sens, mode, k):
         jump[r] = 0.0
         for j in range(s.nu):
             jump[r] += c.a_matrix[k, r, s.nx + j, 0] * (late[j] - u[j])
-    if s.nf > 0 and release_bodies(s, c.holding_torque, c.net_torque[k], x, u, mode):
-        # The switch releases a body: its acceleration starts here too.
+    if (s.nf > 0 and release_bodies(s, c.holding_torque, c.net_torque[k], x, u, mode)) or s.nt > 0:
+        # The switch releases a body, whose acceleration starts here too, or turns the torque transmitted.
         for r in range(s.nx):
             jump[r] = net_load(c.a_matrix[k, r, :, 0], x, late)
         k = lookup(s, c, mode, 0)
+        if s.nt > 0:
+            follow_torques(s, c.net_torque[k], x, u, mode)
+            k = lookup(s, c, mode, 0)
         for r in range(s.nx):
             jump[r] -= net_load(c.a_matrix[k, r, :, 0], x, u)
     for r in range(s.nx):

@@ -28,10 +28,10 @@ def guard_values(s, mode, x, v):
 def classify(reach, v, mode):
     """Set the mode to which guard values belong; returns whether it changed.
 
-    A body at exactly zero speed sticks.
+    A body at exactly zero speed sticks. The sign of a torque transmitted is left for the next step to find.
     """
     changed = False
-    for e in range(mode.size):
+    for e in range(v.size):
         level = reach[e, 0] if e < reach.shape[0] else 0.0
         digit = 0 if v[e] > level else (2 if v[e] < -level else 1)
         changed = changed or digit != mode[e]

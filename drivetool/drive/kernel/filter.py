@@ -10,7 +10,7 @@ from numba import njit
 from drivetool.drive.arrays import NARROW_BLOCK, SIZED_STATE_COUNTS
 from drivetool.drive.compile import CACHE, COMPILE, FILTERING, INLINED, LAWS, REAL, REALS, SYSTEM, WHOLE, as_unit
 from drivetool.drive.kernel.event_free_steps import sized_covariance_step, sized_filter_loop, sized_step
-from drivetool.drive.kernel.events import net_load, step_through_events
+from drivetool.drive.kernel.events import holding_margin, step_through_events
 from drivetool.drive.kernel.exact_step import decay_state, decaying_state, mode_holds, predict
 from drivetool.drive.kernel.laws import law_slope, set_holding_torque
 from drivetool.drive.kernel.modes import lookup
@@ -128,13 +128,13 @@ def add_sticking_uncertainty(s, c, k, mode, x, u, p, before, q, h):
     for f in range(s.nf):
         if mode[s.ng + f] != 1:
             continue
-        net, row, level = c.net_torque[k, f], s.slip_rows[f], c.holding_torque[f, 0]
+        net, row = c.net_torque[k, f], s.slip_rows[f]
         variance = q * net[x.size] ** 2
         for j in range(n):
             for m in range(n):
                 variance += net[j] * p[j, m] * net[m]
         d, pushed = math.sqrt(max(variance, 0.0)), 0.0
-        margin = max(level - abs(net_load(net, x, u)), 0.0)
+        margin, level = holding_margin(s, c.holding_torque, net, f, mode, x, u)
         if margin < HOLDING_SIGMAS * d:
             both = tail_second_moment(margin / d) + tail_second_moment((2.0 * level - margin) / d)
             pushed = variance * both * (h / s.mass[row, 0]) ** 2

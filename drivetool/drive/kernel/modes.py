@@ -74,7 +74,7 @@ def law_columns_over_torques(s, c, k, h):
             row_over_torques(c.phi_mid[k, r], at, h)
             derivative_rows_over_torques(c.dphi[k, r], at, h)
             derivative_rows_over_torques(c.dphi_mid[k, r], at, h)
-        for e in range(s.ng + s.nf):
+        for e in range(s.ng + s.nf + s.nt):
             for m in range(c.guard_instants[k] + 1):
                 row_over_torques(c.guard_rows[k, e, m], at, h)
 
@@ -119,6 +119,8 @@ def stamp_mode(s, c, mode, k):
             c.net_torque[k, f, j] = a[row, j, 0]
         for q in range(jet):
             a[row, const, q] -= (1.0 - mode[s.ng + f]) * s.level[f, q]
+        if s.loss_of[f] >= 0:
+            stamp_loss(s, c, mode, k, f, c.jets[0, 0])
     for r in range(nx):
         for j in range(const + 1):
             a[r, j, 0] /= s.mass[r, 0]
@@ -127,6 +129,50 @@ def stamp_mode(s, c, mode, k):
     for f in range(s.nf):
         if mode[s.ng + f] == 1:
             hold_body(a, s.slip_rows[f])
+
+
+@njit(**COMPILE)
+def stamp_loss(s, c, mode, k, f, through):
+    """The loss of the transmission in front of the body of friction f; through (nz, 1 + nq) is scratch.
+
+    What accelerates a rotor in front of it is not transmitted: then the loss acts on the mass too.
+    """
+    t, row, const, way = s.loss_of[f], s.slip_rows[f], s.nx + s.nu, 1.0 - mode[s.ng + f]
+    a, rotor = c.a_matrix[k, row], s.rotor_share[t]
+    factor = way * (1.0 - mode[s.ng + s.nf + t])
+    loss = s.loss[t, 0 if factor > 0.0 else 1]
+    g = s.loss_gap[t]
+    for j in range(const + 1):
+        for q in range(s.nq + 1):
+            through[j, q] = s.transmitted[t, j, q]
+            if g >= 0 and mode[g] != 1:
+                if j < s.nx:
+                    through[j, q] += s.spring[g, j, q]
+                elif j == const:
+                    through[j, q] -= (1.0 - mode[g]) * s.reach[g, q]
+        c.net_torque[k, s.nf + t, j] = through[j, 0] - (rotor[0] * a[j, 0] if way != 0.0 else 0.0)
+    scale = 1.0 / (1.0 - factor * loss[0] * rotor[0])
+    for j in range(const + 1):
+        a[j, 0] = scale * (a[j, 0] - factor * loss[0] * through[j, 0])
+        for q in range(1, s.nq + 1):
+            a[j, q] = scale * (a[j, q] - factor * (loss[0] * through[j, q] + loss[q] * through[j, 0])
+                               + factor * (loss[0] * rotor[q] + loss[q] * rotor[0]) * a[j, 0])
+
+
+@njit(**COMPILE)
+def torque_to_start(s, net, mode, f, way, row):
+    """row (nz,) = torque that a sticking body would start with in direction `way`, but for its Coulomb friction.
+
+    net  (nf + nt, nz) of the mode
+    """
+    t = s.loss_of[f]
+    for j in range(row.size):
+        row[j] = net[f, j]
+    if t >= 0:
+        factor = way * (1.0 - mode[s.ng + s.nf + t])
+        factor *= s.loss[t, 0 if factor > 0.0 else 1, 0]
+        for j in range(row.size):
+            row[j] -= factor * net[s.nf + t, j]
 
 
 @njit(**INLINED)
@@ -163,14 +209,18 @@ def fill_guard_rows(s, c, mode, k, h):
     c.guard_instants[k] = count
     gap = h / (count + 1)
     pieces = max(int(np.ceil(2.0 * rate * gap)), 1) if count > 0 else 1
-    for e in range(s.ng + s.nf):
+    for e in range(s.ng + s.nf + s.nt):
         f, guard_rows = e - s.ng, c.guard_rows[k, e]
         for j in range(row.size):
-            row[j] = c.net_torque[k, f, j] if f >= 0 and mode[e] == 1 else 0.0
+            row[j] = c.net_torque[k, f, j] if f >= s.nf or (f >= 0 and mode[e] == 1) else 0.0
         if f < 0:
             for j in range(s.nx):
                 row[j] = s.open_guard[e, j, 0] if mode[e] == 1 else s.spring[e, j, 0]
-        elif mode[e] != 1:
+        elif f < s.nf and mode[e] == 1 and s.loss_of[f] >= 0:
+            # Towards the torque transmitted: as that way starts first, one level then bounds both.
+            way = 1.0 - mode[s.ng + s.nf + s.loss_of[f]]
+            torque_to_start(s, c.net_torque[k], mode, f, way, row)
+        elif f < s.nf and mode[e] != 1:
             row[s.slip_rows[f]] = 1.0
         for j in range(row.size):
             guard_rows[0, j] = row[j]

@@ -21,7 +21,14 @@ from drivetool.drive.compile import (
     as_unit,
 )
 from drivetool.drive.kernel.event_free_steps import sized_run_loop, sized_step, write_row
-from drivetool.drive.kernel.events import follow_contacts, net_load, step_through_events, switch_late
+from drivetool.drive.kernel.events import (
+    accelerating_torque,
+    follow_contacts,
+    net_load,
+    step_through_events,
+    switch_late,
+    transmitted_torque,
+)
 from drivetool.drive.kernel.exact_step import (
     classify,
     decay_state,
@@ -72,7 +79,9 @@ def keep_sticking(s, c, k, mode, x, u, h, sens):
         row = s.slip_rows[f]
         if mode[s.ng + f] == 1 and x[row] != 0.0:
             k = lookup(s, c, mode, 0) if k < 0 else k
-            margin = c.holding_torque[f, 0] - math.copysign(1.0, x[row]) * net_load(c.net_torque[k, f], x, u)
+            way, through = math.copysign(1.0, x[row]), transmitted_torque(s, f, mode, x, u)
+            margin = -way * accelerating_torque(s, f, net_load(c.net_torque[k, f], x, u), through, way,
+                                                c.holding_torque[f, 0])
             if abs(x[row]) * s.mass[row, 0] < RESTICK_FRACTION * h * margin:
                 stopping_distance = 0.5 * x[row] * abs(x[row]) * s.mass[row, 0] / margin  # until it stands
                 for j in range(x.size):

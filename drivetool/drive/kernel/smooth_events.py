@@ -17,7 +17,16 @@ from drivetool.drive.compile import (
     WHOLES,
     as_unit,
 )
-from drivetool.drive.kernel.events import MAX_EVENTS_PER_PART, close_relaxed_gap, net_load, next_event, switch_mode, unlocated_step
+from drivetool.drive.kernel.events import (
+    MAX_EVENTS_PER_PART,
+    accelerating_torque,
+    close_relaxed_gap,
+    net_load,
+    next_event,
+    switch_mode,
+    transmitted_torque,
+    unlocated_step,
+)
 from drivetool.drive.kernel.laws import law_at, set_holding_torque
 from drivetool.drive.kernel.modes import MAX_LOCATED_RATE, lookup
 from drivetool.drive.kernel.roots import horner
@@ -259,7 +268,8 @@ def step_through_law_events(s, c, laws, x, inputs, i, time, sens, mode, part):
             hold_start_torques(s, laws, x, time, mode)
         te = h
         if events < MAX_EVENTS_PER_PART:
-            te, element, digit = next_event(s, c.holding_torque, net, mode, x, u, w, p, h, just_switched)
+            te, element, digit = next_event(s, c.holding_torque, net, mode, x, u, w, p, h, just_switched,
+                                            c.row_scratch[0])
         if te > 0.0:
             if sens.shape[1] > 0:
                 stretch_columns(s, c, laws, a, x, u, time, h, te, mode, sens)
@@ -273,8 +283,8 @@ def step_through_law_events(s, c, laws, x, inputs, i, time, sens, mode, part):
                 close_relaxed_gap(s, c, k, element, 1.0 - digit, mode, x, u, sens)
             side, dropped = 1.0 - mode[element], remove_friction_laws(s, laws, element, x)
             switch_mode(s, c.holding_torque, net, mode, x, u, sens, element, digit)
-            if element >= s.ng and side * (1.0 - mode[element]) < 0.0:
-                correct_saltation(s, c.holding_torque, net, element - s.ng, side, dropped, x, u, sens)
+            if s.ng <= element < s.ng + s.nf and side * (1.0 - mode[element]) < 0.0:
+                correct_saltation(s, c.holding_torque, net, mode, element - s.ng, side, dropped, x, u, sens)
             just_switched |= 1 << element
             events += 1
     for at in range(laws.first, s.nx, 3):
@@ -293,10 +303,11 @@ def remove_friction_laws(s, laws, element, x):
 
 
 @njit(**COMPILE)
-def correct_saltation(s, holding_torque, net, f, side, dropped, x, u, sens):
+def correct_saltation(s, holding_torque, net, mode, f, side, dropped, x, u, sens):
     """Correct the saltation of a body that passes zero speed: the torque of the parabola decelerated it."""
-    load = net_load(net[f], x, u)
-    factor = (load - side * holding_torque[f, 0]) / (load - side * s.level[f, 0] + dropped)
+    load, through = net_load(net[f], x, u), transmitted_torque(s, f, mode, x, u)
+    factor = (accelerating_torque(s, f, load, through, side, holding_torque[f, 0])
+              / accelerating_torque(s, f, load + dropped, through, side, s.level[f, 0]))
     for q in range(sens.shape[1]):
         sens[s.slip_rows[f], q] *= factor
 

@@ -60,11 +60,16 @@ def _with_law_states(assembly: Assembly, s: System) -> System:
     rows = np.zeros((nx, s.rows.shape[1] + more, jet))
     rows[:n, :n], rows[:n, nx:] = s.rows[:, :n], s.rows[:, n:]
     outputs = _padded_rows(s.outputs, nx)
+    transmitted = np.zeros((s.nt, s.rows.shape[1] + more, jet))
+    transmitted[:, :n], transmitted[:, nx:] = s.transmitted[:, :n], s.transmitted[:, n:]
     for m, law in enumerate(assembly.laws):
         value = n + STATES_PER_LAW * m
         rows[value, value + 1, 0] = rows[value + 1, value + 2, 0] = 1.0
         for row, factor in _law_rows(assembly, law):
             rows[row, value] += factor.jet()
+        for t, body in enumerate(sorted(assembly.losses)):
+            if law.shaft == body - 1 if body else law.drives:
+                transmitted[t, value, 0] = 1.0
         for k, role in enumerate(assembly.layout.outputs):
             if law.shaft >= 0 and role.endswith("torque") and law.shaft == assembly.shaft_of(role):
                 outputs[k, value, 0] = 1.0
@@ -72,8 +77,8 @@ def _with_law_states(assembly: Assembly, s: System) -> System:
     mass[:n], mass[n:, 0] = s.mass, 1.0
     picks = np.where(outputs[:, n:, 0].any(axis=1), -1, s.output_state)
     return s._replace(rows=rows, mass=mass, spring=_padded_rows(s.spring, nx),
-                      open_guard=_padded_rows(s.open_guard, nx), outputs=outputs, output_state=picks,
-                      memory=np.concatenate([s.memory, np.ones(more)]), nx=nx)
+                      open_guard=_padded_rows(s.open_guard, nx), transmitted=transmitted, outputs=outputs,
+                      output_state=picks, memory=np.concatenate([s.memory, np.ones(more)]), nx=nx)
 
 
 def _padded_rows(rows: np.ndarray, nx: int) -> np.ndarray:

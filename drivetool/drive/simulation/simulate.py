@@ -151,7 +151,7 @@ class Plant:
         states = np.empty((n if keep else 0, s.nx))
         events = self._call("run", SimulationBuffers(
             u, late, trace.outputs, *_observer(s, gains, slice(None)), self._full_state(start), np.zeros((s.nx, 0)),
-            np.ones(s.ng + s.nf, np.int64), True, out, np.empty((0, s.ny, s.ns)), states), trace.origin)
+            np.ones(s.elements, np.int64), True, out, np.empty((0, s.ny, s.ns)), states), trace.origin)
         return out, states[:, :self.nx], events
 
     def _initial_sensitivities(self) -> np.ndarray:
@@ -179,7 +179,7 @@ class Plant:
         """(samples, their weighted sensitivities (m, ny, ns)) a chunk at a time; the next overwrites the last."""
         s, n = self.system, trace.size
         u, late = self.held(trace)
-        x, mode = self._full_state(start), np.ones(s.ng + s.nf, np.int64)
+        x, mode = self._full_state(start), np.ones(s.elements, np.int64)
         sens = self._initial_sensitivities()
         jac = np.empty((min(n, CHUNK_SAMPLES), s.ny, s.ns))
         for a in range(0, n, CHUNK_SAMPLES):
@@ -202,7 +202,7 @@ class Plant:
         out, jac = np.empty((n, s.ny)), np.empty((n, s.ny, s.ns))
         self._call("run", SimulationBuffers(
             u, late, trace.outputs, *_observer(s, gains, slice(None)), self._full_state(start), sens,
-            np.ones(s.ng + s.nf, np.int64), True, out, jac, np.empty((0, s.nx))), trace.origin)
+            np.ones(s.elements, np.int64), True, out, jac, np.empty((0, s.nx))), trace.origin)
         return out, jac
 
     def filter(self, trace: Trace, start: np.ndarray, sensor: np.ndarray, torque: float,
@@ -225,7 +225,7 @@ class Plant:
         self._call("kalman", FilterBuffers(
             u, late, trace.outputs, sensor, added_variance,
             np.zeros(self.nx) if noise_input is None else noise_input, p,
-            self._full_state(start), np.ones(s.ng + s.nf, np.int64), gain, var, innov, states),
+            self._full_state(start), np.ones(s.elements, np.int64), gain, var, innov, states),
                    torque, trace.origin)
         # A covariance below its rounding errors: an infinite variance makes this point's likelihood the lowest.
         var[var <= 0.0] = np.inf

@@ -139,16 +139,16 @@ class TransferForm:
         outputs[0, shown, 0] = 1.0
         if memory is not None:
             keep[-1] = memory
-        none = np.zeros(0, np.int64)
+        none, no_rows, no_jets = np.zeros(0, np.int64), np.zeros((0, nx, jet)), np.zeros((0, jet))
+        no_pairs = np.zeros((0, 2, jet))
         ns = -(-(jet - 1 + nx + 1) // COLUMN_MULTIPLE) * COLUMN_MULTIPLE if gradient else nx
         return Plant(System(
-            rows, mass, np.zeros((0, nx, jet)), np.zeros((0, nx, jet)), none.reshape(0, 2), np.zeros((0, jet)),
-            none.reshape(0, 2),
-            np.zeros((0, 2, jet)), none, np.zeros((0, jet)), outputs,
+            rows, mass, no_rows, no_rows, none.reshape(0, 2), no_jets, none.reshape(0, 2), no_pairs, none, no_jets,
+            none, none, np.zeros((0, nz, jet)), no_pairs, no_jets, outputs,
             np.full(1, -1, np.int64), np.full(1, shown, np.int64),
             np.array([part, h - part]) if self.dead_time else np.array([h]), int(bool(self.dead_time)),
             np.zeros(jet - 1), keep,
-            nx, nz - nx - 1, jet - 1, 0, 0, 1, ns, nx), delay_samples=whole)
+            nx, nz - nx - 1, jet - 1, 0, 0, 0, 1, ns, nx), delay_samples=whole)
 
 
 def form_of(drive: Drive, inputs: Sequence[str], angle: bool) -> TransferForm:

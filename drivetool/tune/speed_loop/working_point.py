@@ -38,6 +38,7 @@ LEFT_OUT_EFFECTS: Mapping[str, str] = MappingProxyType({
     "torque-ripple": "a disturbance that repeats with the angle",
     "imbalance": "a disturbance that repeats with the angle",
     "load-step": "a disturbance at one time of a recording",
+    "transmission-loss": "grows with the torque transmitted; the loop is that of a drive without it",
     "bristle-friction": "a spring before the friction slides; the loop is that of a moving drive"})
 ONE_RECORDING_REASON = "holds in one recording only"
 FLAT_AT_STANDSTILL = ("stribeck", "quadratic-drag")  # without a slope at standstill

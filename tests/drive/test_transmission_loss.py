@@ -1,0 +1,97 @@
+"""Loss of a transmission against the independent simulator, its sensitivities, and its limits."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from drivetool.drive.assemble import Layout
+from drivetool.drive.simulation.augment import plant_of
+from drivetool.drive.simulation.simulate import Trace
+from tests.drive.test_kernel import STEP, drive_of, levels, rms
+from tests.simulator.effects import Effects
+from tests.simulator.fast import simulate_fast
+from tests.simulator.machine import Machine
+
+ROTOR = Machine((0.02,), (0.02,), (0.4,), rated_torque=3.0)
+TWO = Machine((0.6, 5.2), (0.8, 0.3), (5.0, 4.0), (0.0, 0.0), (3300.0,), (3.1,), rated_torque=200.0)
+GEAR = replace(TWO, inertia=(0.6, 52.0), ratio=(4.0,))
+RIPPLED = Effects(ripple=(0.3, 6.0, 0.0))
+# machine, losses where the motor drives and where it is driven, inertia of the rotor, further effects
+CASES = {
+    "one body": (ROTOR, 0.1, 0.12, 0.0, Effects()),
+    "one body, half of it rotor": (ROTOR, 0.1, 0.3, 0.01, Effects()),
+    "one body, mostly loss": (ROTOR, 0.6, 0.9, 0.015, Effects()),
+    "one body with ripple": (ROTOR, 0.2, 0.1, 0.012, RIPPLED),
+    "one body without Coulomb friction": (replace(ROTOR, coulomb=(0.0,)), 0.2, 0.3, 0.005, Effects()),
+    "one body with Stribeck": (ROTOR, 0.2, 0.3, 0.01, Effects(stribeck=(0.3,), stribeck_speed=(2.0,))),
+    "one body behind a converter": (replace(ROTOR, converter_bandwidth=400.0, dead_time=0.0013), 0.2, 0.1, 0.01,
+                                    Effects()),
+    "one body with an idle torque": (replace(ROTOR, idle_torque=(0.3,)), 0.4, 0.6, 0.01, Effects()),
+    "two masses": (TWO, 0.1, 0.1, 0.0, Effects()),
+    "two masses, mostly loss": (TWO, 0.5, 0.8, 0.0, Effects()),
+    "two masses, a gear": (GEAR, 0.1, 0.2, 0.0, Effects()),
+    "two masses with a gap": (replace(TWO, half_gap=(0.01,)), 0.1, 0.2, 0.0, Effects()),
+    "two masses with a gap damped always": (replace(TWO, half_gap=(0.01,), law="always"), 0.1, 0.2, 0.0, Effects()),
+    "two masses with a relaxing gap": (replace(TWO, half_gap=(0.01,), law="contact"), 0.1, 0.2, 0.0, Effects()),
+    "two masses, hardening": (TWO, 0.1, 0.2, 0.0, Effects(hardening_twist=(0.05,))),
+    "two masses, an idle load": (replace(TWO, idle_torque=(0.0, 15.0)), 0.3, 0.6, 0.0, Effects()),
+}
+EACH_CASE = pytest.mark.parametrize("name", CASES)
+
+
+def case_of(name, size=2000):
+    """(machine with its effects, the drive, torque)."""
+    machine, driving, driven, rotor, effects = CASES[name]
+    effects = replace(effects, loss_driving=(driving,), loss_driven=(driven,), rotor_inertia=rotor)
+    drive = drive_of(machine)
+    body = drive.bodies[-1]
+    more = {f"{body}.loss_driving": driving, f"{body}.loss_driven": driven}
+    if rotor:
+        more[f"{body}.rotor_inertia"] = rotor
+    if effects.ripple[0]:
+        more |= {f"{body}.ripple_sine": effects.ripple[0], f"{body}.ripple_order": effects.ripple[1]}
+    if effects.stribeck:
+        more |= {f"{body}.stribeck": effects.stribeck[0], f"{body}.stribeck_speed": effects.stribeck_speed[0]}
+    if effects.hardening_twist:
+        more |= {"shaft.hardening": 1.0, "shaft.hardening_twist": effects.hardening_twist[0]}
+    torque = levels(machine, size, 3, share=0.7 if len(machine.inertia) == 1 else 0.4)
+    torque[:2] = 0.0  # before the record there is none
+    return replace(machine, effects=effects), replace(drive, values={**drive.values, **more}), torque
+
+
+def outputs_of(drive, torque, free=()):
+    roles = tuple(f"{body}_speed" for body in drive.bodies)
+    plant = plant_of(drive, Layout(tuple(free), ("motor_torque",), roles, STEP, gradient=bool(free)))
+    trace = Trace(torque[:, None], np.zeros((len(torque), len(roles))), STEP)
+    start = np.zeros(plant.nx)
+    return plant.jacobian(trace, start) if free else plant.outputs(trace, start)
+
+
+@EACH_CASE
+def test_against_the_independent_simulator(name):
+    machine, drive, torque = case_of(name)
+    there = simulate_fast(machine, torque, STEP).speeds
+    out = outputs_of(drive, torque)
+    # Where a smooth law acts besides, its torque is a parabola over a part of a sample.
+    smooth = plant_of(drive, Layout((), ("motor_torque",), ("motor_speed",), STEP)).laws is not None
+    limit = 1e-6 if smooth else 1e-9
+    for body in range(out.shape[1]):
+        assert rms(out[:, body] - there[:, body]) < limit, body
+    assert (np.diff(np.sign(there[:, -1])) != 0.0).sum() > 5
+
+
+@EACH_CASE
+def test_sensitivities_are_the_derivatives(name):
+    """Against central differences; at a reversal the differences themselves are of lower order."""
+    _, drive, torque = case_of(name)
+    free = [n for n, v in drive.values.items() if v and not n.startswith("shaft.hardening")]
+    _, jacobian = outputs_of(drive, torque, free)
+    for k, parameter in enumerate(free):
+        size = 3e-5 * drive.value(parameter)
+        up, down = (outputs_of(replace(drive, values={**drive.values, parameter: drive.value(parameter) + step}),
+                               torque)[:, -1] for step in (size, -size))
+        expected = (up - down) / (2.0 * size)
+        error = np.abs(jacobian[:, -1, k] - expected)
+        # A reversal at which the differences are of lower order takes a few samples.
+        assert (np.quantile(error, [0.5, 0.9]) < np.array([1e-5, 1e-4]) * np.abs(expected).max()).all(), parameter
