@@ -21,6 +21,7 @@ from drivetool.identify.laws.law_selection import with_laws
 from drivetool.identify.laws.laws import Law, law_library, measurement_noise_law
 from drivetool.identify.laws.projected_parameters import projection_of_laws
 from drivetool.identify.laws.regression import Regression, is_regressable, regress
+from drivetool.identify.laws.transmission import NAME as TRANSMISSION_LAW, transmission_law
 from drivetool.identify.motion import Motions, motions_of, motions_through
 from drivetool.identify.noise import expected_recording_noise, filtered
 from drivetool.identify.setup import Outcome, Task, has_gap
@@ -110,10 +111,12 @@ def candidates_of(white: Outcome, held: Sequence[str] = ()) -> CandidateSet:
     found = {"white": white, "coloured": with_coloured_noise(white)}
     while True:
         motions = motions_of_bodies(found["coloured"], seen)
-        every = [law for law in laws_of(task, motions) if law.parameter not in (*held, *task.free)]
+        every = [law for law in (*laws_of(task, motions), *transmission_law(found["coloured"], motions))
+                 if law.parameter not in (*held, *task.free)]
         laws, best = fit_with_selected_laws(found["coloured"], every, seen, linear)
         freed = [law.parameter for law in laws if law.parameter]
         if not freed:
+            laws, best = with_transmitted_torque(task, laws, best, seen)
             break
         white = refit_with_freed(white, freed)
         task, found = white.task, {"white": white, "coloured": with_coloured_noise(white)}
@@ -177,7 +180,7 @@ def motions_of_bodies(outcome: Outcome, seen: Motions) -> dict[str, Motions]:
 
 
 def laws_of(task: Task, motions: Mapping[str, Motions]) -> list[Law]:
-    """Every law on every body.
+    """Every law on every body over its motion.
 
     Where the sign of the speed is noise, a law of it feeds the sensor's noise back. A body that sticks does not
     notice; one with bristles moves, and such a law seems to predict its sensor.
@@ -189,6 +192,21 @@ def laws_of(task: Task, motions: Mapping[str, Motions]) -> list[Law]:
             seen = replace(seen, each=tuple(replace(m, side=m.side * ~m.slow) for m in seen.each))
         found += law_library(seen, task.drive.motion_unit == "rad", body, name_suffix)
     return found
+
+
+def with_transmitted_torque(task: Task, laws: tuple[Law, ...], best: Outcome,
+                            seen: Motions) -> tuple[tuple[Law, ...], Outcome]:
+    """(laws, fit) with the torque transmitted of the fit with the laws, if one of them depends on it.
+
+    The torque of the fit without them, in which they were found, has its errors.
+    """
+    if not any(law.name.startswith(TRANSMISSION_LAW) for law in laws):
+        return laws, best
+    again = {law.name: law for law in transmission_law(best, motions_of_bodies(best, seen))}
+    laws = tuple(again.get(law.name, law) for law in laws)
+    values = best.solution.point.values
+    own, factors = values[:len(task.free)], values[len(task.free):]
+    return laws, near(with_laws(task.at(dict(zip(task.free, own, strict=True))), laws, factors), best)
 
 
 def _candidate_of_fit(outcome: Outcome, line: np.ndarray) -> Candidate:
