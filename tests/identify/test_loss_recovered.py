@@ -12,9 +12,12 @@ import numpy as np
 import pytest
 from scipy.stats import binomtest
 
-from drivetool.drive import one_body, two_mass
+from drivetool.drive import Layout, one_body, two_mass
+from drivetool.drive.simulation import Trace, plant_of
 from drivetool.identify.greybox.estimator import greybox
+from drivetool.identify.setup import first_states, roles_of
 from drivetool.identify.setup.options import Options
+from drivetool.identify.setup.task import Task
 from tests.recover import STEP, experiment, truth
 from tests.simulator.effects import Effects
 from tests.simulator.fast import simulate_fast
@@ -103,6 +106,36 @@ def test_without_the_inertia_behind_it_no_loss_is_stated(bodies):
     unknown = {n for n, p in lines.items() if p.status == "not-identifiable"}
     assert unknown == {n for n in values if n.startswith(body)}
     assert all(lines[n].std is None and f"{body}.inertia" in lines[n].reason for n in unknown)
+
+
+def two_masses(**more):
+    """(the drive with true values, its task for a record)."""
+    machine = machine_of(FIRST_SEED + 1)
+    values, given = values_of(machine)
+    drive, record = two_mass().with_values(values | given | more), record_of(machine, FIRST_SEED + 1)
+    return drive, Task(drive, ("motor.inertia",), roles_of([record], drive), (record,))
+
+
+def test_the_linear_problem_has_nothing_that_switches():
+    """The gains of its observer must not depend on where the record sticks."""
+    _, task = two_masses(**{"shaft.half_gap": 0.01})
+    problems = (task.problem(), task.linear_problem())
+    assert [p.plants(np.array([0.02]), False)[0].system.elements for p in problems] == [4, 0]
+
+
+@pytest.mark.parametrize("speed", [5.0, -5.0])
+@pytest.mark.parametrize("pull", [0.0, -20.0])
+def test_a_drive_starts_as_in_steady_running(speed, pull):
+    """Driving or, pulled along by a load, driven: what the motor must give keeps the speed."""
+    drive, task = two_masses(**{"load.idle_torque": np.copysign(1.0, speed) * pull})
+    y = np.full((100, 2), speed)
+    start = first_states(drive, task.roles, [Trace(np.zeros((100, 1)), y, STEP)])[0]
+    torque = drive.value("shaft.stiffness") * start[2] + np.copysign(
+        drive.value("motor.coulomb"), speed) + drive.value("motor.viscous") * speed
+    trace = Trace(np.full((100, 1), torque), y, STEP)
+    plant = plant_of(drive, Layout((), task.roles.inputs, task.roles.outputs, STEP, gradient=False))
+    assert torque * speed * (1.0 + pull) > 0.0
+    np.testing.assert_allclose(plant.outputs(trace, start), y, rtol=1e-9)
 
 
 def interval(k, n, confidence):
