@@ -37,7 +37,7 @@ EFFECT = Effect(
     },
     stamp=stamp,
     law="T_loss = loss |T| sgn(w); |T_loss| <= loss |T| at w = 0",
-    needs="large and small torques at like speeds, in driving and in braking",
+    needs="large and small torques at like speeds, in driving and in braking; a known inertia behind it",
     source="Hamon, Gautier, Garrec 2010, IEEE/RSJ IROS: dry friction that depends on load and velocity",
     present=("loss_driving", "loss_driven"),
 )
