@@ -15,7 +15,7 @@ def stamp(assembly, body):
     name = name_of(assembly.drive.bodies[body], "rotor_inertia")
     driving, driven = (assembly.of_body(body, suffix) for suffix in ("loss_driving", "loss_driven"))
     rotor = assembly.of_body(body, "rotor_inertia") / assembly.masses[body]
-    if body and assembly.acts(body, "rotor_inertia"):
+    if body and rotor.v:
         raise BadParameters("a rotor in front of the first transmission only", name, "Delete it.")
     if not rotor.v < 1.0:
         raise BadParameters(f"{name} below the inertia of its body", f"{assembly.parameter(name).v:g}",
