@@ -108,6 +108,15 @@ def test_without_the_inertia_behind_it_no_loss_is_stated(bodies):
     assert all(lines[n].std is None and f"{body}.inertia" in lines[n].reason for n in unknown)
 
 
+def test_a_fit_goes_on_from_an_inertia_below_that_of_its_rotor():
+    """The first step from a start three times too large."""
+    machine, name = machine_of(FIRST_SEED + 4), "motor.inertia"
+    values, given = values_of(machine)
+    drive = one_body().with_values(values | given | {name: 3.0 * given[name]})
+    estimate = greybox([record_of(machine, FIRST_SEED + 4)], drive, Options(criterion="innovations"))
+    assert estimate.drive.value(name) == pytest.approx(given[name], rel=1e-3)
+
+
 def two_masses(**more):
     """(the drive with true values, its task for a record)."""
     machine = machine_of(FIRST_SEED + 1)

@@ -6,7 +6,7 @@ Coulomb friction does: against the motion, and at standstill they hold.
 """
 
 from drivetool.drive.effects.effect import Effect
-from drivetool.errors import BadParameters
+from drivetool.errors import BadParameters, ImpossibleValues
 from drivetool.quantity import Quantity, name_of
 
 
@@ -18,8 +18,8 @@ def stamp(assembly, body):
     if body and rotor.v:
         raise BadParameters("a rotor in front of the first transmission only", name, "Delete it.")
     if not rotor.v < 1.0:
-        raise BadParameters(f"{name} below the inertia of its body", f"{assembly.parameter(name).v:g}",
-                            "Correct it.")
+        raise ImpossibleValues(f"{name} below the inertia of its body", f"{assembly.parameter(name).v:g}",
+                               "Correct it.")
     assembly.friction(body, assembly.number(0.0))
     assembly.losses[body] = (driving, driven, rotor)
 
