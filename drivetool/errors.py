@@ -32,6 +32,10 @@ class BadParameters(DriveToolError):
     """A parameter file, name or value that cannot be used."""
 
 
+class ImpossibleValues(BadParameters):
+    """Values that no drive has together; in a fit they end a trial, not the fit."""
+
+
 class BadOption(DriveToolError):
     """Options that do not fit together, or are out of range: wrong usage."""
 

@@ -8,6 +8,7 @@ import pytest
 from drivetool.drive.assemble import Layout
 from drivetool.drive.simulation.augment import plant_of
 from drivetool.drive.simulation.simulate import Trace
+from drivetool.errors import BadParameters
 from tests.drive.test_kernel import STEP, drive_of, levels, rms
 from tests.simulator.effects import Effects
 from tests.simulator.fast import simulate_fast
@@ -36,6 +37,12 @@ CASES = {
     "two masses with a relaxing gap": (replace(TWO, half_gap=(0.01,), law="contact"), 0.1, 0.2, 0.0, Effects()),
     "two masses, hardening": (TWO, 0.1, 0.2, 0.0, Effects(hardening_twist=(0.05,))),
     "two masses, an idle load": (replace(TWO, idle_torque=(0.0, 15.0)), 0.3, 0.6, 0.0, Effects()),
+}
+# case, what is added to it, the message
+REFUSED = {
+    "a rotor on a later body": ("two masses", {"load.rotor_inertia": 0.1}, r"only; found load\.rotor_inertia"),
+    "a rotor as large as its body": ("one body", {"motor.rotor_inertia": 0.02}, r"motor\.rotor_inertia below"),
+    "a loss beside bristles": ("one body", {"motor.bristle_stiffness": 2e3}, r"motor\.loss_driving beside"),
 }
 EACH_CASE = pytest.mark.parametrize("name", CASES)
 
@@ -95,3 +102,26 @@ def test_sensitivities_are_the_derivatives(name):
         error = np.abs(jacobian[:, -1, k] - expected)
         # A reversal at which the differences are of lower order takes a few samples.
         assert (np.quantile(error, [0.5, 0.9]) < np.array([1e-5, 1e-4]) * np.abs(expected).max()).all(), parameter
+
+
+@pytest.mark.parametrize("case", REFUSED)
+def test_what_is_no_transmission_is_refused_by_name(case):
+    name, values, message = REFUSED[case]
+    _, drive, torque = case_of(name)
+    with pytest.raises(BadParameters, match=message):
+        outputs_of(drive.with_values(values), torque)
+
+
+@pytest.mark.parametrize("name", ["motor.loss_driving", "motor.loss_driven"])
+def test_bristles_are_refused_beside_each_loss_alone(name):
+    _, drive, torque = case_of("one body")
+    alone = {n: v for n, v in drive.values.items() if "loss" not in n}
+    with pytest.raises(BadParameters, match=f"{name} beside its bristle_stiffness"):
+        outputs_of(replace(drive, values=alone).with_values({name: 0.1, "motor.bristle_stiffness": 2e3}), torque)
+
+
+@pytest.mark.parametrize("value", [np.nan, -0.01, 0.91])
+@pytest.mark.parametrize("name", ["motor.loss_driving", "motor.loss_driven"])
+def test_a_loss_is_a_share_of_at_most_nine_tenths(name, value):
+    with pytest.raises(BadParameters, match=f"{name} between 0 and 0.9"):
+        drive_of(ROTOR).with_values({name: value})

@@ -4,6 +4,7 @@ from . import (
     induction as induction,
     load_damping as load_damping,
     load_step as load_step,
+    transmission_loss as transmission_loss,
 )
 from .catalogue import (
     EFFECT_INPUTS as EFFECT_INPUTS,

@@ -34,7 +34,8 @@ class Effect:
     needs       what a record must contain to identify it
     source      literature
     prepare     gives the assembly what other effects need for their stamps
-    stamp       adds the law to the equations where the effect acts
+    stamp       adds the law to the equations where the effect acts; raises ImpossibleValues where values contradict
+                each other
     torque      its smooth law, which `stamp` adds by `Assembly.law`: (a, b, time, side, p, out) writes into out the
                 torque, its derivatives over both arguments a and b, then those over its parameters p[:, 0]
     states      names of the states that it adds, none where it does not act

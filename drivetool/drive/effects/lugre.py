@@ -11,7 +11,7 @@ from drivetool.errors import BadParameters
 from drivetool.quantity import Quantity, name_of
 
 # Their dry friction would stick beside the bristles.
-RIVALS = ("breakaway", "drift_coulomb")
+RIVALS = ("breakaway", "drift_coulomb", "loss_driving", "loss_driven")
 # Rate at which a body that reverses passes the deflection at breakaway, over that of its bristles' oscillation.
 # It is the root of twice the torque over the friction; both pull one way. A choice: torques up to 30 times it.
 SLIDING_RATE = 8.0

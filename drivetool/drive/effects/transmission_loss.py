@@ -6,7 +6,7 @@ Coulomb friction does: against the motion, and at standstill they hold.
 """
 
 from drivetool.drive.effects.effect import Effect
-from drivetool.errors import BadParameters
+from drivetool.errors import BadParameters, ImpossibleValues
 from drivetool.quantity import Quantity, name_of
 
 
@@ -15,11 +15,11 @@ def stamp(assembly, body):
     name = name_of(assembly.drive.bodies[body], "rotor_inertia")
     driving, driven = (assembly.of_body(body, suffix) for suffix in ("loss_driving", "loss_driven"))
     rotor = assembly.of_body(body, "rotor_inertia") / assembly.masses[body]
-    if body and assembly.acts(body, "rotor_inertia"):
+    if body and rotor.v:
         raise BadParameters("a rotor in front of the first transmission only", name, "Delete it.")
     if not rotor.v < 1.0:
-        raise BadParameters(f"{name} below the inertia of its body", f"{assembly.parameter(name).v:g}",
-                            "Correct it.")
+        raise ImpossibleValues(f"{name} below the inertia of its body", f"{assembly.parameter(name).v:g}",
+                               "Correct it.")
     assembly.friction(body, assembly.number(0.0))
     assembly.losses[body] = (driving, driven, rotor)
 
@@ -37,7 +37,7 @@ EFFECT = Effect(
     },
     stamp=stamp,
     law="T_loss = loss |T| sgn(w); |T_loss| <= loss |T| at w = 0",
-    needs="large and small torques at like speeds, in driving and in braking",
+    needs="large and small torques at like speeds, in driving and in braking; a known inertia behind it",
     source="Hamon, Gautier, Garrec 2010, IEEE/RSJ IROS: dry friction that depends on load and velocity",
     present=("loss_driving", "loss_driven"),
 )

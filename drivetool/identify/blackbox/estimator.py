@@ -25,7 +25,17 @@ from drivetool.identify.fit import with_coloured_noise
 from drivetool.identify.greybox import ALL
 from drivetool.identify.noise import fit_innovations, refit_with_tight_tolerance
 from drivetool.identify.problem import MIN_SPARE_SAMPLES, Point, Problem, solve
-from drivetool.identify.setup import Options, Outcome, Roles, Task, at_rates, both_outputs, roles_of, traces_of
+from drivetool.identify.setup import (
+    Options,
+    Outcome,
+    Roles,
+    Task,
+    at_rates,
+    both_outputs,
+    refuse_transmission_loss,
+    roles_of,
+    traces_of,
+)
 from drivetool.identify.starts import attempt_or_none, without_failed
 from drivetool.logs import Experiment
 from drivetool.logs.samples import without_unmeasured
@@ -89,7 +99,7 @@ def minus_log_likelihood_of(outcome: Outcome) -> float:
 
 
 def _check_options(drive: Drive, options: Options) -> None:
-    """Refuse more than two bodies, and options that a black box does not have."""
+    """Refuse more than two bodies, a transmission loss, and options that a black box does not have."""
     if len(drive.bodies) > 2:
         raise BadOption(
             "a drive of one or two bodies for the black box", f"{drive.name} with {len(drive.bodies)}",
@@ -102,6 +112,7 @@ def _check_options(drive: Drive, options: Options) -> None:
             raise BadOption(f"{friction} after --free", name,
                             "The black box fits its own coefficients, and nothing else; free it in greybox.")
     drive.require(options.hold, "holding them (--hold)")
+    refuse_transmission_loss(drive, (), "blackbox")
 
 
 def _roles(experiments: Sequence[Experiment], drive: Drive) -> Roles:

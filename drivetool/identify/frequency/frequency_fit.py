@@ -27,7 +27,7 @@ from drivetool.identify.frequency.frf import Response
 from drivetool.identify.frequency.periodic import smoothed_lines
 from drivetool.identify.frequency.spectrum import Spectrum
 from drivetool.identify.problem import Normal, Point, Solution, solve
-from drivetool.identify.setup import HeldResponse, KnownStart, Options
+from drivetool.identify.setup import HeldResponse, KnownStart, Options, refuse_transmission_loss
 from drivetool.logs import Experiment
 from drivetool.quantity import quantity_of
 
@@ -195,6 +195,7 @@ def greybox_by_frequency(experiments: Sequence[Experiment], drive: Drive, free: 
     if any(e.sha256 in drive.records.values() for e in experiments):
         raise BadOption("a criterion in time for recordings that differ", "frequency, which averages them",
                         "Leave --record out, or take --criterion innovations.")
+    refuse_transmission_loss(drive, free, "--criterion frequency")
     names = tuple(n for n in free if quantity_of(n) not in NONLINEAR)
     if not names:
         raise BadOption("a free parameter of the linear response", "none", "Free an inertia or stiffness.")

@@ -7,11 +7,13 @@ grow with their number. A rejected trial costs a simulation without sensitivitie
 from __future__ import annotations
 
 from collections.abc import Sequence
+from contextlib import suppress
 from dataclasses import dataclass, replace
 
 import numpy as np
 
 from drivetool.drive.simulation import ObserverGains
+from drivetool.errors import ImpossibleValues
 from drivetool.identify.problem.problem import Normal, Point, Problem
 
 # Of an output over a start state, both in SI: a smaller sensitivity is a rounding error.
@@ -117,15 +119,16 @@ def _accepted_trial(problem: Problem, point: Point, normal: Normal, gains: Seque
             break
         trial = problem.moved(point, step, own)
         if not _beyond_linear_range(problem, point, trial):
-            normal_there = _normal_or_infinite(problem, trial, gains) if ahead and first else None
-            cost = problem.cost(trial, gains) if normal_there is None else normal_there.cost
-            if keeps_worse and not cost < normal.cost:
-                trial, own, normal_there = *_keep_worse_starts(problem, point, trial, own, before, gains), None
-                cost, predicted = problem.cost(trial, gains), _predicted_decrease(normal, step, own)
-            if cost < normal.cost:
-                # A damping rejected once would be rejected again.
-                damping = max(damping * (_damping_factor(normal.cost - cost, predicted) if first else 1.0), 1e-12)
-                return _Trial(trial, cost, damping, first, normal_there)
+            with suppress(ImpossibleValues):
+                normal_there = _normal_or_infinite(problem, trial, gains) if ahead and first else None
+                cost = problem.cost(trial, gains) if normal_there is None else normal_there.cost
+                if keeps_worse and not cost < normal.cost:
+                    trial, own, normal_there = *_keep_worse_starts(problem, point, trial, own, before, gains), None
+                    cost, predicted = problem.cost(trial, gains), _predicted_decrease(normal, step, own)
+                if cost < normal.cost:
+                    # A damping rejected once would be rejected again.
+                    damping *= _damping_factor(normal.cost - cost, predicted) if first else 1.0
+                    return _Trial(trial, cost, max(damping, 1e-12), first, normal_there)
             first = False
         damping *= 4.0
     return None

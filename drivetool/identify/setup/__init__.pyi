@@ -11,6 +11,7 @@ from .setup import (
     first_states as first_states,
     measured_states as measured_states,
     problem_of as problem_of,
+    refuse_transmission_loss as refuse_transmission_loss,
     reverses as reverses,
     roles_of as roles_of,
     sensor_stds as sensor_stds,

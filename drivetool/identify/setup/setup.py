@@ -10,7 +10,7 @@ from types import MappingProxyType
 import numpy as np
 
 from drivetool.drive import Assembly, Drive, Layout
-from drivetool.drive.effects import induction, load_step
+from drivetool.drive.effects import induction, load_step, transmission_loss
 from drivetool.drive.simulation import Plant, Trace, plant_of
 from drivetool.errors import BadOption, BadRecording, NotEnoughData
 from drivetool.identify.problem import Point, Problem
@@ -28,7 +28,8 @@ MIN_REVERSAL_SHARE = 0.02
 # Samples between two angles for a speed, a choice: over one sample an encoder's quantisation exceeds it.
 ANGLE_DIFFERENCE_SAMPLES = 8
 DAMPINGS = ("damping", "gap_damping", "load_damping")  # of shafts
-SWITCHING = ("half_gap", "coulomb")  # parameters of contacts and sticking
+LOSSES = transmission_loss.EFFECT.present
+SWITCHING = ("half_gap", "coulomb", *LOSSES)  # parameters of contacts and sticking
 
 
 @dataclass(frozen=True)
@@ -119,6 +120,14 @@ def traces_of(experiments: Sequence[Experiment], roles: Roles, segment: float = 
     if not found:
         raise NotEnoughData("a stretch of at least 10 samples", "none", "Record longer.")
     return tuple(found)
+
+
+def refuse_transmission_loss(drive: Drive, free: Sequence[str], step: str) -> None:
+    """Raise BadOption where a transmission loses torque: for a step whose law of torque and motion lacks that."""
+    losses = [n for n in drive.quantities if quantity_of(n) in LOSSES and (n in free or drive.values.get(n))]
+    if losses:
+        raise BadOption(f"no transmission loss in {step}: friction and inertia would include it", ", ".join(losses),
+                        "Go on to greybox without --criterion, or set the loss to zero.")
 
 
 def after_transient(experiment: Experiment, drive: Drive, free: Sequence[str] = ()) -> Experiment:
@@ -228,7 +237,7 @@ def _as_recorded_in(drive: Drive, free: Sequence[str], trace: Trace) -> tuple[Dr
 
 
 def linear_problem_of(drive: Drive, free: Sequence[str], roles: Roles, traces: Sequence[Trace]) -> Problem:
-    """The same problem without gaps and Coulomb friction, for the same points.
+    """The same problem without gaps, Coulomb friction and transmission loss, for the same points.
 
     The Coulomb friction of a body with bristles stays: they divide by it, and it does not stick.
     """
@@ -297,6 +306,8 @@ def _steady_start_state(drive: Drive, roles: Roles, trace: Trace, free: Sequence
         body = k + 1
         shaft_torque += plain.of_body(body, "viscous").v * speeds[body] + plain.of_body(body, "idle_torque").v
         shaft_torque += plain.of_body(body, "coulomb").v * np.sign(speeds[body])
+        way = np.sign(shaft_torque * speeds[body])
+        shaft_torque /= 1.0 - way * plain.of_body(body, LOSSES[0 if way > 0.0 else 1]).v
         stiffness, _, ratio = plain.shafts[k]
         gap = plain.gaps[k].v if k in plain.gaps else 0.0
         x[n + k] = shaft_torque / stiffness.v + gap * np.sign(shaft_torque)

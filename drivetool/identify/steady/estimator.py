@@ -28,7 +28,7 @@ from drivetool.identify.plateaus import (
     point_list,
     steady_plots,
 )
-from drivetool.identify.setup import Options, at_rates, refuse_free_torque_constants
+from drivetool.identify.setup import Options, at_rates, refuse_free_torque_constants, refuse_transmission_loss
 from drivetool.logs import Experiment
 from drivetool.quantity import name_of, names_of, owner_of, quantity_of
 
@@ -54,6 +54,8 @@ def steady(experiments: Sequence[Experiment], drive: Drive, options: Options) ->
     for name in options.hold:
         drive.quantity(name)
     refuse_free_torque_constants(options.free)
+    if options.method != "coast-down" or drive.shafts:  # that of one body simulates it
+        refuse_transmission_loss(drive, options.free, "steady")
     _check_options(drive, options)
     if options.method == "acceleration":
         from drivetool.identify.acceleration import acceleration
