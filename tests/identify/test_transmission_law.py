@@ -26,11 +26,13 @@ def outcome_of(torque):
     speed = simulate_fast(MACHINE, torque, STEP).speeds[:, 0]
     record = experiment(torque, speed + white_noise(len(torque), 1e-3, 5))
     drive = one_body().with_values({"motor.inertia": 0.02, "motor.viscous": 0.002, "motor.coulomb": 0.05})
-    return by_innovations(Task(drive, ("motor.inertia", "motor.coulomb"), roles_of([record], drive), (record,)), [{}])
+    free = ("motor.inertia", "motor.coulomb")
+    return by_innovations(Task(drive, free, roles_of([record], drive), (record,)), [{}])
 
 
 def laws_of(outcome):
-    return transmission_law(outcome, motions_of_bodies(outcome, motions_of(outcome.task.experiments, "motor_speed")))
+    seen = motions_of(outcome.task.experiments, "motor_speed")
+    return transmission_law(outcome, motions_of_bodies(outcome, seen))
 
 
 def test_what_is_lost_is_a_share_of_the_mean_of_the_torques_before_and_behind():

@@ -28,6 +28,7 @@ from drivetool.identify.setup import Outcome, Task, has_gap
 from drivetool.logs import true_runs
 from drivetool.quantity import name_of, quantity_of
 
+OTHER_SHARE = "other shares of a transmission's loss, laws"  # the candidate
 MIN_MEASURED_RUN = 200  # measured values in a row: sixteen blocks of a dozen
 
 
@@ -116,7 +117,7 @@ def candidates_of(white: Outcome, held: Sequence[str] = ()) -> CandidateSet:
         laws, best = fit_with_selected_laws(found["coloured"], every, seen, linear)
         freed = [law.parameter for law in laws if law.parameter]
         if not freed:
-            laws, best = with_transmitted_torque(task, laws, best, seen)
+            laws, best, rival = with_transmitted_torque(task, laws, best, seen)
             break
         white = refit_with_freed(white, freed)
         task, found = white.task, {"white": white, "coloured": with_coloured_noise(white)}
@@ -132,6 +133,7 @@ def candidates_of(white: Outcome, held: Sequence[str] = ()) -> CandidateSet:
         found |= {"white, laws": likelier_of_regression_start(start, with_them) if with_them else start,
                   "coloured, laws": best}
     line = projection_of_laws(task, laws, motions)
+    found |= {OTHER_SHARE: rival} if rival and laws else {}
     candidates = {name: _candidate_of_fit(outcome, line) for name, outcome in found.items()}
     if plain and with_them:
         candidates["regression"] = _candidate_of_regression(plain, task, (), line)
@@ -195,18 +197,22 @@ def laws_of(task: Task, motions: Mapping[str, Motions]) -> list[Law]:
 
 
 def with_transmitted_torque(task: Task, laws: tuple[Law, ...], best: Outcome,
-                            seen: Motions) -> tuple[tuple[Law, ...], Outcome]:
-    """(laws, fit) with the torque transmitted of the fit with the laws, if one of them depends on it.
+                            seen: Motions) -> tuple[tuple[Law, ...], Outcome, Outcome | None]:
+    """(laws, fit, rival) with the torque transmitted of the fit with the laws, if one of them depends on it.
 
-    The torque of the fit without them, in which they were found, has its errors.
+    The torque of the fit without them, in which they were found, has its errors. The rival has other shares: no
+    record tells them from those of one efficiency.
     """
     if not any(law.name.startswith(TRANSMISSION_LAW) for law in laws):
-        return laws, best
-    again = {law.name: law for law in transmission_law(best, motions_of_bodies(best, seen))}
-    laws = tuple(again.get(law.name, law) for law in laws)
-    values = best.solution.point.values
-    own, factors = values[:len(task.free)], values[len(task.free):]
-    return laws, near(with_laws(task.at(dict(zip(task.free, own, strict=True))), laws, factors), best)
+        return laws, best, None
+    motions, values = motions_of_bodies(best, seen), best.solution.point.values
+    plain, factors = task.at(dict(zip(task.free, values, strict=False))), values[len(task.free):]
+    fits = []
+    for one_efficiency in (False, True):
+        again = {law.name: law for law in transmission_law(best, motions, one_efficiency)}
+        laws = tuple(again.get(law.name, law) for law in laws)
+        fits.append(near(with_laws(plain, laws, factors), best))
+    return laws, fits[1], fits[0]
 
 
 def _candidate_of_fit(outcome: Outcome, line: np.ndarray) -> Candidate:

@@ -14,7 +14,13 @@ import numpy as np
 from drivetool.finding import Finding
 from drivetool.identify.estimate import Z95, Z95_ONE_SIDED, Covariance, FoundLaw, Parameter
 from drivetool.identify.fit import with_coloured_noise
-from drivetool.identify.laws.candidates import Candidate, CandidateSet, candidates_of, why_single_candidate
+from drivetool.identify.laws.candidates import (
+    OTHER_SHARE,
+    Candidate,
+    CandidateSet,
+    candidates_of,
+    why_single_candidate,
+)
 from drivetool.identify.laws.free_run_test import run_length
 from drivetool.identify.laws.held_out import held_out_errors
 from drivetool.identify.laws.influence import FEW_BLOCKS_FACTOR, sandwich_covariance, with_standard_deviations
@@ -34,7 +40,7 @@ from drivetool.quantity import quantity_of
 
 # From the most efficient estimator, where its noise model is right, to the most robust.
 PREFERENCE_ORDER = ("coloured, laws", "white, laws", "regression, laws")
-COMPARED_CANDIDATES = (*PREFERENCE_ORDER, "free runs, laws")
+COMPARED_CANDIDATES = (*PREFERENCE_ORDER, "free runs, laws", OTHER_SHARE)
 WITHOUT_LAWS = ("coloured", "white", "regression")
 MEASURED_TORQUE_CANDIDATES = ("regression, laws", "regression")  # not biased by noise of the logged torque
 # Free-run error over the least, up to which the more efficient fit is taken. A choice: more hides wrong noise.
@@ -231,7 +237,7 @@ def parameter_uncertainty(field: CandidateSet, errors: Mapping[str, float], name
     base = by_blocks if c.covariance is None else c.covariance
     noise = np.sqrt(np.maximum(np.diag(by_blocks), np.diag(base)))
     compared = ("regression, laws", "free runs, laws") if measured else COMPARED_CANDIDATES
-    compared = ("free runs, laws",) if has_gap(field.task) else compared
+    compared = ("free runs, laws", OTHER_SHARE) if has_gap(field.task) else compared
     disagreements, is_inertia = [], np.array([quantity_of(n) == "inertia" for n in free])
     for other in compared:
         if other in field.candidates and other != name and _credible(errors, other, measured):

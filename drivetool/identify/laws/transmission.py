@@ -18,8 +18,9 @@ from drivetool.identify.setup import Outcome
 NAME = "friction that grows with the torque transmitted"
 
 
-def transmission_law(outcome: Outcome, motions: Mapping[str, Motions]) -> tuple[Law, ...]:
-    """The law on the last body, whose transmission has one efficiency, whether it drives or is driven.
+def transmission_law(outcome: Outcome, motions: Mapping[str, Motions],
+                     one_efficiency: bool = True) -> tuple[Law, ...]:
+    """The law on the last body behind a transmission of one efficiency, whether it drives or is driven.
 
     What is lost is then one share of the mean of the torques before and behind the transmission. What accelerates
     the rotor in front of it is not transmitted: of one body the law has a column of the acceleration too, whose
@@ -27,14 +28,15 @@ def transmission_law(outcome: Outcome, motions: Mapping[str, Motions]) -> tuple[
     torque transmitted is then proportional to all others together.
 
     outcome  of an innovations fit; motions: of each body
+    one_efficiency  else what is lost is one share of the torque before the transmission
     """
     columns, ways, body = [], [], outcome.drive.bodies[-1]
     for motion, before in zip(motions[body].each, _transmitted(outcome), strict=True):
         # A body at rest is held against the torque.
         way = np.where(motion.slow, np.sign(before), motion.side) * np.sign(before)
-        mean = 0.5 * (before + np.where(motion.slow, before, _required(outcome, motion)))
+        behind = np.where(motion.slow | (not one_efficiency), before, _required(outcome, motion))
         columns.append(np.column_stack(
-            [way * mean, *([way * motion.acceleration] if len(outcome.drive.bodies) == 1 else [])]))
+            [0.5 * way * (before + behind), *([way * motion.acceleration] if len(outcome.drive.bodies) == 1 else [])]))
         ways.append(way[~motion.slow & np.isfinite(way)])
     driven, size = np.concatenate(ways) < 0.0, np.sqrt(np.nanmean(np.concatenate(columns) ** 2, axis=0))
     if not MIN_DIRECTION_SHARE < np.mean(driven) < 1.0 - MIN_DIRECTION_SHARE or not size.min() > 0.0:
