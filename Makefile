@@ -7,7 +7,7 @@ export OPENBLAS_NUM_THREADS := 1
 export OMP_NUM_THREADS := 1
 
 .PHONY: demo test test-slow test-long check docs lint types packages test-floor study ablation bench fuzz golden fixtures \
-	schemas reference clean
+	kernel schemas reference clean
 
 demo: $(VENV)/ready
 	$(BIN)/python -m drivetool.cli.demo fixtures/rig demo
@@ -74,6 +74,10 @@ golden:
 fixtures: $(VENV)/ready
 	$(BIN)/python -m tests.make_fixtures fixtures
 	$(BIN)/python -m tests.summaries fixtures/site/summary.parquet
+
+# The kernel's text for the checkout, after a change of its code: two minutes of processor time.
+kernel: $(VENV)/ready
+	PYTHONHASHSEED=0 $(BIN)/python -m drivetool.drive.kernel.build --lower
 
 schemas: $(VENV)/ready
 	$(BIN)/python -m drivetool.files.shapes.schema schemas

@@ -7,6 +7,7 @@ from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager
 from typing import TypeVar
 
+FIRST_USE = "first use"  # begins the stage that a fresh machine needs and others do not
 Listener = Callable[[str, int, int], None]
 T = TypeVar("T")
 

@@ -10,11 +10,11 @@ import pytest
 hypothesis.settings.register_profile("drivetool", deadline=None)  # a busy machine is no failure
 hypothesis.settings.load_profile("drivetool")
 
-# Parts of the kernel that `make test` needs: of one, two and three bodies with few smooth laws. The first part of a
-# group brings the others. Whatever else a test requires is compiled on its first call.
-SIZED = ("3_1", "4_1", "5_1")
-KERNEL = ("run", "run_3", "run_4", "run_5", "run_6", "run_laws", "switch_late",
-          *(f"covariance_step_{n}" for n in (3, 4, 5, 6)), *(f"law_columns_{size}" for size in SIZED))
+# Parts of the kernel that `make test` needs: of one, two and three bodies with few smooth laws. A part brings what
+# it calls. Whatever else a test requires is compiled on its first call.
+SIZES = ("", "_3", "_4", "_5", "_6")
+KERNEL = (*(f"{unit}{size}" for size in SIZES for unit in ("run", "kalman", "covariance_step")),
+          "law_torque", "kalman_laws", "switch_late", *(f"law_columns_{size}" for size in ("3_1", "4_1", "5_1")))
 LONG = 15.0  # s of processor time: only a hidden effect diagnosed at the command line may take more in `make test`
 
 

@@ -1,23 +1,24 @@
 """The kernel's machine code is stored intact, in the right place, and loaded without the compiler."""
 
+import contextlib
 import importlib
 import os
 import random
 import shutil
 import subprocess
 import sys
-import threading
 import time
+from pathlib import Path
 from unittest.mock import Mock
 
 import pytest
 
-from drivetool.drive.compile import machine_code
-from drivetool.drive.compile.code_folder import SOURCES
+from drivetool.drive.compile import lowered, machine_code
+from drivetool.drive.compile.lowered import SOURCES
 from drivetool.errors import DriveToolError
 
-PARTS = sorted({part for group in machine_code.GROUPS for line in group for part in line})
-SMALL_UNIT = "switch_late"  # a part of a group of its own
+PARTS = sorted(machine_code.COMPILED_WITH)
+SMALL_UNIT = "switch_late"  # a part that comes alone
 SIMULATION_SCRIPT = """
 import sys
 import numpy as np
@@ -103,24 +104,100 @@ def test_the_machine_code_of_a_part_is_always_the_same(monkeypatch, here, kept):
 
 def test_a_compiler_that_fails_is_an_error_in_a_sentence(monkeypatch, place, tmp_path):
     monkeypatch.syspath_prepend(str(tmp_path))
-    (tmp_path / "numba.py").write_text("raise ImportError('a broken installation')")
+    (tmp_path / "llvmlite.py").write_text("raise ImportError('a broken installation')")
     with pytest.raises(DriveToolError, match=r"a broken installation.*requirements") as error:
         machine_code.prepare([SMALL_UNIT])
     assert str(place) in error.value.wanted and not list(place.glob("*.o"))
 
 
-def test_of_processes_that_start_together_one_compiles(place, compiler):
-    """The second waits for the first, and then finds the file there."""
+def compiling(place):
+    """A process that compiles a small part into a folder, unless another does."""
+    return subprocess.Popen(
+        [sys.executable, "-m", f"{machine_code.KERNEL}.build", str(os.getpid()), str(place),
+         f"events.{SMALL_UNIT}"],
+        env={**os.environ, "PYTHONPATH": os.pathsep.join(sys.path)})
+
+
+def test_of_processes_that_start_together_one_compiles(place):
+    """The second waits for the first, and then finds the file there; another part does not wait."""
     fcntl = pytest.importorskip("fcntl")
-    with (place / "lock").open("w") as first:
+    with (place / f"{SMALL_UNIT}.lock").open("w") as first:
         fcntl.flock(first, fcntl.LOCK_EX)
-        second = threading.Thread(target=machine_code.prepare, args=([SMALL_UNIT],))
-        second.start()
-        second.join(0.2)
-        assert second.is_alive() and not compiler.called
+        second = compiling(place)
+        with pytest.raises(subprocess.TimeoutExpired):
+            second.wait(1.0)
         machine_code.store(place, SMALL_UNIT, b"code")
-    second.join()
-    assert not compiler.called
+        with machine_code.only_compiler(place, "write_law_torques") as missing:
+            assert missing
+    assert second.wait(20.0) == 0 and machine_code.intact_code(SMALL_UNIT) == b"code"
+
+
+def test_a_compiler_ends_with_the_process_that_started_it(place):
+    fcntl = pytest.importorskip("fcntl")
+    script = ("import sys; from drivetool.drive.compile import machine_code as m; print(flush=True); "
+              "m.prepare(['switch_late'])")
+    with (place / f"{SMALL_UNIT}.lock").open("w") as first:
+        fcntl.flock(first, fcntl.LOCK_EX)
+        starter = subprocess.Popen([sys.executable, "-c", script], stdout=subprocess.PIPE,
+                                   env={**os.environ, "PYTHONPATH": os.pathsep.join(sys.path)})
+        starter.stdout.readline()
+        compilers = wait_for(lambda: processes_with(str(place)))
+        starter.kill()
+        starter.communicate()
+        assert compilers and wait_for(lambda: not processes_with(str(place)))
+
+
+def processes_with(word):
+    """Ids of running processes that have a word in their command line."""
+    found = []
+    for file in Path("/proc").glob("[0-9]*/cmdline"):
+        with contextlib.suppress(OSError):
+            if word.encode() in file.read_bytes().split(b"\0"):
+                found.append(file.parent.name)
+    return found
+
+
+def wait_for(condition, seconds=10.0):
+    """What a condition gives as soon as it is true; the last value after that time."""
+    end = time.monotonic() + seconds
+    while not (found := condition()) and time.monotonic() < end:
+        time.sleep(0.02)
+    return found
+
+
+# The text that comes with the sources
+
+def test_the_text_is_that_of_the_sources():
+    """Else run `make kernel`: without the text each fresh machine compiles for minutes."""
+    assert [part for part in PARTS if lowered.text_of(part) is None] == []
+
+
+@pytest.mark.parametrize("damage", ["missing", "cut", "no text", "other sources"])
+def test_a_text_that_is_not_that_of_the_sources_is_not_used(tmp_path, monkeypatch, damage):
+    file = tmp_path / lowered.ARCHIVES[0]
+    lowered.write_archive(file, {"run.run": "text"})
+    assert lowered.archive(file) == {"run.run": "text"}
+    lowered.archive.cache_clear()
+    if damage == "missing":
+        file.unlink()
+    elif damage == "cut":
+        file.write_bytes(file.read_bytes()[:-5])
+    elif damage == "no text":
+        file.write_bytes(b"text")
+    else:
+        monkeypatch.setattr(lowered, "source_digest", lambda: "other")
+    assert lowered.archive(file) == {}
+
+
+@pytest.mark.slow
+def test_without_the_text_numba_makes_it(place, monkeypatch, tmp_path):
+    copy = shutil.copytree(SOURCES.parent, tmp_path / "drivetool",
+                           ignore=shutil.ignore_patterns("*.zst", "__pycache__"))
+    done = subprocess.run(
+        [sys.executable, "-m", f"{machine_code.KERNEL}.build", str(os.getpid()), str(place),
+         f"events.{SMALL_UNIT}"],
+        env={**os.environ, "PYTHONPATH": str(copy.parent)}, cwd=tmp_path, check=False)
+    assert done.returncode == 0 and machine_code.intact_code(SMALL_UNIT) is not None
 
 
 # Damaged files. A process that loads one is killed by it: each test loads in a process of its own.
@@ -159,15 +236,18 @@ from pathlib import Path
 import drivetool.drive.compile.machine_code as machine_code
 
 def run(words, **_):
-    with open("log", "a") as log:
-        print(*words[-1:], file=log)
     time.sleep(float(sys.argv[1]))
     place = machine_code.object_file("switch_late")
-    if place.is_dir():
-        machine_code.store(place.parent, "switch_late", Path("good").read_bytes()[:-machine_code.DIGEST])
-    else:
-        shutil.copy("good", place.with_name("temporary"))
-        place.with_name("temporary").replace(place)
+    with machine_code.only_compiler(place.parent, "switch_late") as missing:
+        if not missing:
+            return subprocess.CompletedProcess(words, 0)
+        with open("log", "a") as log:
+            print(*words[-1:], file=log)
+        if place.is_dir():
+            machine_code.store(place.parent, "switch_late", Path("good").read_bytes()[:-machine_code.DIGEST])
+        else:
+            shutil.copy("good", place.with_name("temporary"))
+            place.with_name("temporary").replace(place)
     return subprocess.CompletedProcess(words, 0)
 
 subprocess.run = run
@@ -275,12 +355,10 @@ def test_only_what_is_missing_is_compiled(compiled, place):
     assert sorted(parts) == ["filter.kalman_3", "smooth_events.write_law_torques"]
 
 
-def test_a_part_comes_with_its_group_alone(compiled):
+def test_a_part_comes_with_what_it_calls_alone(compiled):
     parts, _ = compiled
     machine_code.prepare(["run_3", "switch_late"])
-    assert sorted(parts) == ["events.step_through_events", "events.switch_late", "filter.kalman_3",
-                             "modes.compute_mode",
-                             "run.run_3"]
+    assert sorted(parts) == ["events.step_through_events", "events.switch_late", "modes.compute_mode", "run.run_3"]
 
 
 def test_a_folder_that_is_cleared_meanwhile_is_made_again(place, compiler):

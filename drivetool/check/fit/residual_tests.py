@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from scipy.linalg import solve_toeplitz
+import scipy
 
 from drivetool.check.fit.model import (
     FIT_ERRORS,
@@ -184,7 +184,8 @@ def _autocorrelation_gain(z: list[np.ndarray]) -> float:
     if products[0] <= 0.0:
         return 0.0
     # A series correlated to the last digit is predicted exactly: the share stays below one.
-    explained = min(float(products[1:] @ solve_toeplitz(products[:-1], products[1:])) / products[0], 1.0 - 1e-12)
+    predicted = float(products[1:] @ scipy.linalg.solve_toeplitz(products[:-1], products[1:]))
+    explained = min(predicted / products[0], 1.0 - 1e-12)
     return _chi2_excess(-n * float(np.log1p(-explained)), RESIDUAL_LAGS)
 
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import numpy as np
-from scipy.special import gammaincc, gammaln
+import scipy
 
 # Bonferroni factor: hypotheses of one search that a record can distinguish, at most (a choice).
 SEARCHED_HYPOTHESES = 1e5
@@ -19,8 +19,8 @@ def neg_log_p_corrected(lead: float, further: int) -> float:
 
 def log_chi2_tail(x: float, degrees: int) -> float:
     """Log of the upper tail of a chi-square at x; by its series where the tail underflows."""
-    half, there = 0.5 * degrees, float(gammaincc(0.5 * degrees, 0.5 * x))
+    half, there = 0.5 * degrees, float(scipy.special.gammaincc(0.5 * degrees, 0.5 * x))
     if there > 1e-250:
         return float(np.log(there))
     y = 0.5 * x
-    return float((half - 1.0) * np.log(y) - y - gammaln(half) + np.log1p((half - 1.0) / y))
+    return float((half - 1.0) * np.log(y) - y - scipy.special.gammaln(half) + np.log1p((half - 1.0) / y))

@@ -7,8 +7,8 @@ from dataclasses import dataclass
 from typing import Annotated, Literal
 
 import numpy as np
+import scipy
 from msgspec import Meta
-from scipy.special import stdtrit
 
 from drivetool.check.outcome.sections import (
     CandidateSection,
@@ -89,7 +89,8 @@ class Gain(GainSection):
             return None
         significant = abs(
             self.held_out_rmse_before - self.held_out_rmse_after) > SIGNIFICANT_GAIN_STDS * self.rmse_std
-        blocks = 0.0 if significant else float(stdtrit(self.blocks - 1, 0.975)) * np.sqrt(2.0) * self.rmse_std
+        wide = float(scipy.special.stdtrit(self.blocks - 1, 0.975)) * np.sqrt(2.0) * self.rmse_std
+        blocks = 0.0 if significant else wide
         low, high = sorted(map(float, (self.held_out_rmse_before, self.held_out_rmse_after)))
         excess = np.sqrt(high**2 - low**2)
         ends = [float(np.hypot(low, excess * factor)) - low

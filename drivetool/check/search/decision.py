@@ -6,7 +6,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.stats import norm, wilcoxon
+import scipy
 
 from drivetool.check.causes import CAUSES, DECISIVE_EXPERIMENTS
 from drivetool.check.heldout import Score, total_evidence
@@ -98,8 +98,10 @@ def is_equivalent(one: Score, best: Score, equivalent: Callable[[Score, Score], 
     if alike:
         ahead = best.lead - one.lead - MIN_GAIN_PER_PARAMETER * (best.further - one.further)
         return not (difference.sum() > 0.0 and ahead > max(LOOKALIKE_LEAD, LOOKALIKE_LEAD_SHARE * best.lead))
-    return not (difference.sum() > CLEAR_LEAD
-                and wilcoxon(difference, alternative="greater").pvalue < norm.sf(TIE_STANDARD_ERRORS))
+    if not difference.sum() > CLEAR_LEAD:
+        return True
+    tail = scipy.stats.norm.sf(TIE_STANDARD_ERRORS)
+    return not scipy.stats.wilcoxon(difference, alternative="greater").pvalue < tail
 
 
 def special_cases(code: str) -> tuple[str, ...]:

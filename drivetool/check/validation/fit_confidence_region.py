@@ -12,7 +12,7 @@ from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
-from scipy.special import chdtri, ndtri
+import scipy
 
 from drivetool.drive import Drive
 from drivetool.drive.simulation import Trace
@@ -50,7 +50,8 @@ def ratio_interval(ratio: float, natural: float, count: int) -> tuple[float, flo
     """
     one_look = natural / max(count, 1)
     # looks = found +- z s sqrt(looks) at the ends
-    half = 0.5 * ndtri(0.5 + 0.5 * CONFIDENCE_LEVEL) * RATIO_RELATIVE_STD * np.sqrt(MAX_UNCERTAIN_RATIO)
+    half = 0.5 * scipy.special.ndtri(0.5 + 0.5 * CONFIDENCE_LEVEL) * RATIO_RELATIVE_STD * np.sqrt(
+        MAX_UNCERTAIN_RATIO)
     root = np.sqrt(half**2 + ratio / one_look)
     return (max(float((root - half) ** 2 * one_look), MIN_RATIO_TO_NATURAL * natural),
             float((root + half) ** 2 * one_look))
@@ -100,7 +101,7 @@ def likeliest_drive_in_region(drive: Drive, roles: Roles, traces: Sequence[Trace
 
 def _step_in_region(hessian: np.ndarray, gradient: np.ndarray) -> np.ndarray:
     """(k,) step to the minimum of a quadratic form plus half the squared step, or to the edge of the region."""
-    limit = float(chdtri(len(gradient), 1.0 - CONFIDENCE_LEVEL))
+    limit = float(scipy.special.chdtri(len(gradient), 1.0 - CONFIDENCE_LEVEL))
     curvature, axes = np.linalg.eigh(hessian)
     down = axes.T @ gradient
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 from itertools import product
 
 import numpy as np
-from scipy.ndimage import uniform_filter1d
+import scipy
 
 from drivetool.check.fit import Model
 from drivetool.check.starts import speeds
@@ -30,7 +30,7 @@ def share_by_speed(model: Model) -> float:
             model.task.drive.bodies, zip(STEP_TORQUES, STEP_TIMES, strict=True))
                    if name_of(body, torque) in model.task.free]
         loads.append(sum(torque * (time >= at) for torque, at in changes) + np.zeros(trace.size))
-        rates.append(uniform_filter1d(speed, max(1, round(SPEED_AVERAGING_TIME / trace.step))))
+        rates.append(scipy.ndimage.uniform_filter1d(speed, max(1, round(SPEED_AVERAGING_TIME / trace.step))))
     load, rate = np.concatenate(loads), np.concatenate(rates)
     rate = rate / max(float(np.abs(rate).max()), 1e-300)
     powers = [np.where(side * rate > 0.0, rate**k, 0.0) for side in (1.0, -1.0) for k in range(4)]

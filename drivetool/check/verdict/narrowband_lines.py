@@ -6,9 +6,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.ndimage import median_filter
-from scipy.signal import find_peaks
-from scipy.stats import chi2
+import scipy
 
 from drivetool.check.fit import Model
 from drivetool.finding import Finding
@@ -60,16 +58,16 @@ def find_narrowband_lines(model: Model) -> list[NarrowbandLine]:
     size = errors.shape[1]
     power = _power_spectra(errors)
     frequency = np.fft.rfftfreq(size, step)[2:-2]
-    background = median_filter(power.mean(axis=0), BACKGROUND_FREQUENCIES, mode="nearest")
+    background = scipy.ndimage.median_filter(power.mean(axis=0), BACKGROUND_FREQUENCIES, mode="nearest")
     contrast = power.mean(axis=0) / background
     # In the sensor and in the model's response: the excess of the differences over the background, integrated.
     flat = (2.0 * np.sin(np.pi * frequency * step)) ** (2 * DIFFERENCE_ORDER)
-    sensor, response = ((p - median_filter(p, BACKGROUND_FREQUENCIES, mode="nearest")) / flat
+    sensor, response = ((p - scipy.ndimage.median_filter(p, BACKGROUND_FREQUENCIES, mode="nearest")) / flat
                         for p in (_power_spectra(outputs).mean(axis=0), _power_spectra(runs).mean(axis=0)))
-    threshold = chi2.isf(FALSE_LINE_PROBABILITY / len(frequency), 2 * len(power)) / (2 * len(power))
+    threshold = scipy.stats.chi2.isf(FALSE_LINE_PROBABILITY / len(frequency), 2 * len(power)) / (2 * len(power))
     steady = np.minimum(power[slow].mean(axis=0), power[fast].mean(axis=0)) / background
     found, lines = [], []
-    for top in find_peaks(contrast, height=threshold)[0]:
+    for top in scipy.signal.find_peaks(contrast, height=threshold)[0]:
         low, high = _line_limits(contrast, top)
         share = float(np.sum(power.mean(axis=0)[low:high] - background[low:high]) / power.mean(axis=0).sum())
         strength = float(sensor[low:high].sum())  # none where motion masks it: then the torque may excite it, too

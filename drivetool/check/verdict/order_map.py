@@ -11,7 +11,7 @@ from dataclasses import dataclass
 from itertools import groupby
 
 import numpy as np
-from scipy.stats import chi2
+import scipy
 
 from drivetool.check.fit import FIT_ERRORS, Model, over_traces
 from drivetool.check.starts import (
@@ -172,6 +172,6 @@ def _cell_amplitudes(every: _WindowSpectra, edges: np.ndarray) -> np.ndarray:
         count = np.maximum(usable.sum(axis=0), 1)
         power, noise = (np.where(usable, part[mine], 0.0).sum(axis=0) / count for part in (
             every.power, level * every.noise))
-        significant = power > noise * chi2.isf(FALSE_CELL_PROBABILITY, 2 * count) / (2 * count)
+        significant = power > noise * scipy.stats.chi2.isf(FALSE_CELL_PROBABILITY, 2 * count) / (2 * count)
         values[k] = np.where(significant, np.sqrt(np.maximum(power - noise, 0.0)), np.nan)
     return values

@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 import sys
+import time
 from collections.abc import Iterator
 from contextlib import contextmanager
 from typing import TYPE_CHECKING
 
-from drivetool.progress import progress_to
+from drivetool.progress import FIRST_USE, progress_to
 
 if TYPE_CHECKING:
     from rich.progress import Progress
@@ -47,13 +48,34 @@ def _progress() -> Progress:
                     console=Console(stderr=True), transient=True)
 
 
+class FirstUse:
+    """Two lines around the compilation of the kernel, where a file or pipe takes standard error."""
+
+    def __init__(self) -> None:
+        self.began = None
+
+    def __call__(self, stage: str, done: int, total: int) -> None:
+        """Print the lines; see `drivetool.progress`."""
+        if not stage.startswith(FIRST_USE):
+            return
+        if self.began is None:
+            self.began = time.monotonic()
+            print(f"drivetool: {stage}.", file=sys.stderr, flush=True)
+        if done >= total:
+            print(f"drivetool: compiled in {time.monotonic() - self.began:.0f} s.", file=sys.stderr, flush=True)
+            self.began = None
+
+    def close(self) -> None:
+        """Nothing is left to take away."""
+
+
 @contextmanager
 def progress_bar(quiet: bool = False) -> Iterator[None]:
-    """A bar while something long runs, where a person watches standard error."""
-    if quiet or not sys.stderr.isatty():
+    """A bar while something long runs, where a person watches standard error; else lines at the first use."""
+    if quiet:
         yield
         return
-    bar = Bar()
+    bar = Bar() if sys.stderr.isatty() else FirstUse()
     try:
         with progress_to(bar):
             yield

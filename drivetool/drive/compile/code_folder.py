@@ -17,10 +17,8 @@ from __future__ import annotations
 
 import fnmatch
 import hashlib
-import importlib.util
 import os
 import stat
-import sys
 import tempfile
 import time
 import warnings
@@ -31,6 +29,7 @@ from pathlib import Path
 import llvmlite
 from llvmlite import binding as llvm
 
+from drivetool.drive.compile.lowered import SOURCES, source_digest
 from drivetool.errors import DriveToolError, Notice
 
 # Folders of other versions that prune keeps, and the age [s] below which it keeps any. A choice: a few checkouts
@@ -46,40 +45,23 @@ MARKER = "CACHEDIR.TAG"
 MARKER_CONTENT = b"""Signature: 8a477f597d28d172789f06886806bc55
 # Machine code of drivetool's kernel. It may be deleted at any time, and is compiled again.
 """
-OWN_FILES = ("*.o", "*.part", "lock", "*.code")  # other files written here; the last for tune
+OWN_FILES = ("*.o", "*.part", "lock", "*.lock", "*.code")  # other files written here; the last for tune
 # Folders of the code that tune compiles, of older versions and now. Numba names them after the function's folder.
 NUMBA_FOLDERS = ("tune_*", "speed_loop_*")
-
-# The compiled sources are below this folder, and its own cache is the first choice for the machine code.
-SOURCES = Path(importlib.util.find_spec("drivetool.drive").submodule_search_locations[0])
 
 _temporary: list[tempfile.TemporaryDirectory] = []  # removed when this process ends
 
 
 def versions() -> str:
-    """What machine code depends on besides its sources: the compiler, Python, and the processor."""
+    """What machine code depends on besides its text: what emits it, and the processor."""
     llvm.initialize_native_target()
-    return " ".join([_numba_version(), llvmlite.__version__, sys.implementation.cache_tag,
-                     llvm.get_default_triple(), llvm.get_host_cpu_name(), llvm.get_host_cpu_features().flatten()])
-
-
-def _numba_version() -> str:
-    """The text from which Numba takes its version: importing Numba, or importlib.metadata, takes far longer."""
-    spec = importlib.util.find_spec("numba")
-    with suppress(OSError):
-        if spec is not None and spec.origin:
-            return Path(spec.origin).with_name("_version.py").read_text(encoding="utf-8")
-    from importlib import metadata
-
-    with suppress(metadata.PackageNotFoundError):
-        return metadata.version("numba")
-    return ""
+    return " ".join([llvmlite.__version__, llvm.get_default_triple(), llvm.get_host_cpu_name(),
+                     llvm.get_host_cpu_features().flatten()])
 
 
 def folder_name(sources: Path = SOURCES) -> str:
-    """Name with a hash of the versions and of all sources below a folder, for any part may call any function."""
-    content = b"".join(file.read_bytes() for file in sorted(sources.rglob("*.py")))
-    return "kernel-" + hashlib.sha256(content + versions().encode()).hexdigest()[:16]
+    """Name with a hash of the versions and of the sources, for any part may call any function."""
+    return "kernel-" + hashlib.sha256(f"{source_digest(sources)} {versions()}".encode()).hexdigest()[:16]
 
 
 @cache

@@ -12,39 +12,37 @@ import subprocess
 import sys
 import tempfile
 import threading
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Iterator, Mapping
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import ExitStack, contextmanager, suppress
 from functools import cache
 from pathlib import Path
+from types import MappingProxyType
 
 from llvmlite import binding as llvm
 
 from drivetool.drive.arrays import MAX_SIZED_LAWS, MOST_STATES, SIZED_STATE_COUNTS
 from drivetool.drive.compile.code_folder import PRIVATE, folder, read_regular, write_whole
 from drivetool.errors import DriveToolError
-from drivetool.progress import counted
+from drivetool.progress import FIRST_USE, counted
 
 KERNEL = "drivetool.drive.kernel"  # where the files of the parts are, and `build`, which compiles them
 
-# The parts, as file.name. If a part is needed, the missing parts of the first group that contains it are compiled.
-# The parts of one line share much code and are compiled in sequence by one process; the lines run in parallel.
-# A choice: with three lines on two cores the longest one would wait.
+# The parts, as file.name, and with each the others that are needed too: it calls them, or is used beside them.
 STEP_UNITS = ("events.step_through_events", "modes.compute_mode")
-GROUPS = (
-    *(((f"run.run{size}", f"filter.kalman{size}"), STEP_UNITS)
-      for size in ("", *(f"_{n}" for n in SIZED_STATE_COUNTS))),
-    (("run.run_laws", "smooth.law_motion", "smooth.law_columns", "smooth_events.step_through_law_events",
-      "smooth_events.write_law_torques"),
-     ("filter.kalman_laws", "filter.covariance_step", "filter.premultiply", "smooth.law_transition",
-      "laws.law_torque",
-      "modes.compute_mode")),
-    (("events.switch_late",),),
-    *(((f"filter.covariance_step_{n}", f"filter.premultiply_{n}"),) for n in SIZED_STATE_COUNTS),
-    *(((f"smooth_sized.law_columns_{n}_{nl}",),
-       (f"smooth_sized.law_motion_{n}_{nl}", f"smooth_sized.law_transition_{n}_{nl}"))
-      for n in range(1, MOST_STATES + 1) for nl in range(1, MAX_SIZED_LAWS + 1)),
-)
+COMPILED_WITH: Mapping[str, tuple[str, ...]] = MappingProxyType({
+    **dict.fromkeys(STEP_UNITS, ()), "events.switch_late": (), "smooth_events.write_law_torques": (),
+    **{f"{kind}{size}": STEP_UNITS for kind in ("run.run", "filter.kalman")
+       for size in ("", *(f"_{n}" for n in SIZED_STATE_COUNTS))},
+    **{f"filter.{unit}{size}": (f"filter.{other}{size}",) for size in ("", *(f"_{n}" for n in SIZED_STATE_COUNTS))
+       for unit, other in (("covariance_step", "premultiply"), ("premultiply", "covariance_step"))},
+    "laws.law_torque": ("run.run_laws", "smooth_events.step_through_law_events", "modes.compute_mode"),
+    **dict.fromkeys(("run.run_laws", "filter.kalman_laws", "smooth_events.step_through_law_events"), ()),
+    **{f"{file}.law_{unit}{size}": tuple(f"{file}.law_{u}{size}" for u in ("motion", "columns", "transition"))
+       for file, size in (("smooth", ""), *(("smooth_sized", f"_{n}_{nl}") for n in range(1, MOST_STATES + 1)
+                                            for nl in range(1, MAX_SIZED_LAWS + 1)))
+       for unit in ("motion", "columns", "transition")},
+})
 # Arguments of the parts that Python calls: tables, then numbers.
 NUMBER_ARGUMENTS = {"run": 1, "kalman": 2}
 DIGEST = hashlib.sha256().digest_size  # length of the digest [bytes]
@@ -54,40 +52,35 @@ _lock = threading.Lock()
 
 
 def prepare(names: Iterable[str] | None = None) -> None:
-    """Compile the groups of these parts, or all, as far as a part is missing or damaged.
+    """Compile these parts and those that come with them, or all, as far as one is missing or damaged.
 
     names   of parts, as `address` takes them; None for all
     raises  DriveToolError: a part cannot be compiled or kept
     """
-    groups = GROUPS if names is None else [_group_of(name) for name in names]
-    lines = dict.fromkeys(line for group in groups for line in group)
-    if not _parts_to_compile(lines):
+    parts = tuple(COMPILED_WITH) if names is None else [_part(name) for name in names]
+    missing = _missing(dict.fromkeys(p for part in parts for p in (part, *COMPILED_WITH[part])))
+    if not missing:
         return
     folder().mkdir(PRIVATE, parents=True, exist_ok=True)  # a cache cleaner may have removed it meanwhile
-    with single_compiler():
-        missing = _parts_to_compile(lines)  # another process may have compiled them meanwhile
-        with ThreadPoolExecutor(MAX_COMPILERS) as pool:
-            for _ in counted("first use: the kernel is compiled", pool.map(_compile, missing), len(missing)):
-                pass
+    lines = [missing[k::MAX_COMPILERS] for k in range(min(MAX_COMPILERS, len(missing)))]
+    with ThreadPoolExecutor(MAX_COMPILERS) as pool:
+        stage = f"{FIRST_USE}: {len(missing)} parts of the kernel are compiled"
+        for _ in counted(stage, pool.map(_compile, lines), len(lines)):
+            pass
 
 
-def _group_of(name: str) -> tuple[tuple[str, ...], ...]:
-    return next(g for g in GROUPS if any(part.endswith(f".{name}") for line in g for part in line))
+def _part(name: str) -> str:
+    return next(part for part in COMPILED_WITH if part.endswith(f".{name}"))
 
 
-def _parts_to_compile(lines: Iterable[tuple[str, ...]]) -> list[list[str]]:
-    """The parts of each line that must be compiled, every part once."""
-    seen, found = set(), []
-    for line in lines:
-        found.append([part for part in line if part not in seen and intact_code(part.partition(".")[2]) is None])
-        seen.update(line)
-    return [line for line in found if line]
+def _missing(parts: Iterable[str]) -> list[str]:
+    return [part for part in parts if intact_code(part.partition(".")[2]) is None]
 
 
 def _compile(parts: list[str]) -> None:
     """Compile parts in a process of their own."""
     # Python imports, and Numba reads settings, from the current folder first: this one has neither.
-    done = subprocess.run([sys.executable, "-m", f"{KERNEL}.build", str(folder()), *parts],
+    done = subprocess.run([sys.executable, "-m", f"{KERNEL}.build", str(os.getpid()), str(folder()), *parts],
                           capture_output=True, text=True, env=_environment(), cwd=folder())
     if done.returncode != 0:
         last = (done.stderr.strip().splitlines() or ["no reason given"])[-1]
@@ -96,17 +89,18 @@ def _compile(parts: list[str]) -> None:
 
 
 @contextmanager
-def single_compiler() -> Iterator[None]:
-    """Lock, so that of several starting processes one compiles and the others use the result.
+def only_compiler(place: Path, name: str) -> Iterator[bool]:
+    """Whether a part is still missing in a folder, while no other process compiles it.
 
-    Where files cannot be locked each process compiles for itself, which is harmless.
+    Of several processes that start together one compiles a part, and the others wait for that part alone. Where
+    files cannot be locked each compiles for itself, which is harmless.
     """
     with ExitStack() as stack:
         with suppress(ImportError, OSError):
             import fcntl
 
-            fcntl.flock(stack.enter_context((folder() / "lock").open("a")), fcntl.LOCK_EX)
-        yield
+            fcntl.flock(stack.enter_context((place / f"{name}.lock").open("a")), fcntl.LOCK_EX)
+        yield intact_code(name, place) is None
 
 
 def _environment() -> dict[str, str]:
@@ -152,26 +146,26 @@ def _load(name: str) -> int:
     return engine.get_function_address(symbol(name))
 
 
-def object_file(name: str) -> Path:
-    """File with the machine code of a part: the object file, then a digest."""
-    return folder() / f"{name}.o"
+def object_file(name: str, place: Path | None = None) -> Path:
+    """File with the machine code of a part: the object file, then a digest; place: None, the folder in use."""
+    return (place or folder()) / f"{name}.o"
 
 
 def store(place: Path, name: str, code: bytes) -> None:
     """Store the machine code of a part in a folder, completely or not at all."""
-    file = place / f"{name}.o"
+    file = object_file(name, place)
     if file.is_dir() and not file.is_symlink():  # not this tool's: it is moved aside
         os.replace(file, tempfile.mkdtemp(prefix=f"{file.name}-", dir=place))
     write_whole(file, code + _digest(place, name, code))
 
 
-def intact_code(name: str) -> bytes | None:
-    """The machine code of a part; None if it is missing, damaged, or of another part."""
-    content = read_regular(object_file(name))
+def intact_code(name: str, place: Path | None = None) -> bytes | None:
+    """The machine code of a part in a folder, None if it is missing, damaged, or of another part."""
+    content = read_regular(object_file(name, place))
     if content is None:
         return None
     code, digest = content[:-DIGEST], content[-DIGEST:]
-    return code if digest == _digest(folder(), name, code) else None
+    return code if digest == _digest(place or folder(), name, code) else None
 
 
 def _digest(place: Path, name: str, code: bytes) -> bytes:

@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 
 import numpy as np
-from scipy import stats
+import scipy
 
 from drivetool.drive import Drive
 from drivetool.finding import Finding
@@ -85,7 +85,7 @@ def _values_agree(values: np.ndarray, matrix: np.ndarray) -> bool:
     between = np.diff(np.eye(len(values)), axis=0)
     distance = between @ values
     chi2 = float(distance @ np.linalg.solve(between @ matrix @ between.T, distance)) if len(values) > 1 else 0.0
-    return len(values) < 2 or bool(stats.chi2.sf(chi2, len(values) - 1) > RECORDINGS_DIFFER_SIGNIFICANCE)
+    return len(values) < 2 or bool(scipy.stats.chi2.sf(chi2, len(values) - 1) > RECORDINGS_DIFFER_SIGNIFICANCE)
 
 
 def _with_common_torque(shared: Estimate) -> RoadFit:

@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 from itertools import accumulate, pairwise
 
 import numpy as np
-from scipy import stats
+import scipy
 
 from drivetool.errors import BadRecording, NotEnoughData
 from drivetool.identify.plateaus import block_means, speed_of, steady_intervals
@@ -115,7 +115,7 @@ def p_of_common_line(spans: Sequence[Span]) -> float:
     more, free = 2 * len(spans) - int(rank), len(right) - 2 * len(spans)
     if more <= 0 or free <= 0:
         return 1.0
-    return float(stats.f.sf(max(common - separate, 0.0) / more / (separate / free), more, free))
+    return float(scipy.stats.f.sf(max(common - separate, 0.0) / more / (separate / free), more, free))
 
 
 def turns_both_ways(spans: Sequence[Span]) -> bool:

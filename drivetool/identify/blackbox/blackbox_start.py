@@ -11,8 +11,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from scipy.optimize import minimize
-from scipy.signal import lfilter
+import scipy
 
 from drivetool.drive.simulation import Trace
 
@@ -78,7 +77,7 @@ class StartRegression:
         for t in self.traces:
             step = np.exp(pole * t.step)
             gain = (step - 1.0) / pole
-            x = lfilter([0.0, gain], [1.0, -step], t.inputs.astype(complex), axis=0)
+            x = scipy.signal.lfilter([0.0, gain], [1.0, -step], t.inputs.astype(complex), axis=0)
             forced.append(_real_and_imaginary(x))
         free = self._per_trace(lambda t: _real_and_imaginary(np.exp(pole * t.step * np.arange(t.size))))
         return np.column_stack([np.concatenate(forced), free])[self.known]
@@ -162,7 +161,7 @@ def _local_optimum(regression: StartRegression, resonance: float, zeta: float) -
 
     x = np.log([resonance, zeta])
     around = x + np.array([[0.0, 0.0], [0.04, 0.0], [0.0, 0.7]])
-    found = minimize(lambda x: at(x).cost, x, method="Nelder-Mead", options={
+    found = scipy.optimize.minimize(lambda x: at(x).cost, x, method="Nelder-Mead", options={
         "maxfev": 60, "xatol": 1e-3, "fatol": 0.0, "initial_simplex": around})
     return at(found.x)
 

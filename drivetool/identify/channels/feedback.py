@@ -10,7 +10,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.stats import f as fisher
+import scipy
 
 from drivetool.logs import Experiment
 
@@ -65,7 +65,8 @@ def feedback_of(stretches: Sequence[np.ndarray], lags: int = GRANGER_LAGS) -> Fe
         return Feedback(1.0, 0.0)
     share = max(0.0, 1.0 - with_sensor / without_sensor)
     statistic = (without_sensor - with_sensor) / lags / max(with_sensor / degrees, 1e-300)
-    return Feedback(float(fisher.sf(max(statistic, 0.0), lags, degrees)), share, without_sensor / float(u @ u))
+    return Feedback(float(scipy.stats.f.sf(max(statistic, 0.0), lags, degrees)), share,
+                    without_sensor / float(u @ u))
 
 
 def _residual_sum(past: np.ndarray, now: np.ndarray) -> float:

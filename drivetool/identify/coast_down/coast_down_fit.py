@@ -7,8 +7,7 @@ from dataclasses import dataclass
 from itertools import pairwise
 
 import numpy as np
-from scipy.optimize import least_squares
-from scipy.stats import chi2
+import scipy
 
 from drivetool.drive import Drive
 from drivetool.drive.effects import FLUXES, VOLTAGES
@@ -135,7 +134,7 @@ class CoastDownFit:
             return 1.0
         groups = np.array_split(self.weighted_residuals[np.argsort(self.speed, kind="stable")], SPEED_GROUPS)
         square = sum(len(g) * float(g.mean()) ** 2 for g in groups if len(g))
-        return float(chi2.sf(square, SPEED_GROUPS))
+        return float(scipy.stats.chi2.sf(square, SPEED_GROUPS))
 
     @property
     def by_run(self) -> list[np.ndarray]:
@@ -272,9 +271,9 @@ def _solve(problems: Sequence[Problem], readings: Sequence[Reading], values: np.
     first = np.concatenate([values, *(s[own] for s, own in zip(starts, free_start, strict=True))])
     low = np.concatenate([problems[0].low, np.full(ends[-1] - k, -np.inf)])
     high = np.concatenate([problems[0].high, np.full(ends[-1] - k, np.inf)])
-    found = least_squares(lambda x: np.concatenate(at(x)[0]), np.clip(first, low, high), lambda x: at(x)[1],
-                          (low, high), "dogbox", x_scale="jac", ftol=1e-12, xtol=1e-12, gtol=1e-12,
-                          max_nfev=MAX_SOLVER_STEPS).x
+    found = scipy.optimize.least_squares(
+        lambda x: np.concatenate(at(x)[0]), np.clip(first, low, high), lambda x: at(x)[1], (low, high), "dogbox",
+        x_scale="jac", ftol=1e-12, xtol=1e-12, gtol=1e-12, max_nfev=MAX_SOLVER_STEPS).x
     residuals, rows = at(found)
     return found[:k], starts_at(found), rows, residuals[:len(problems)]
 

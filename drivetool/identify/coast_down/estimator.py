@@ -7,7 +7,7 @@ from dataclasses import replace
 from itertools import pairwise
 
 import numpy as np
-from scipy.optimize import nnls
+import scipy
 
 from drivetool.drive import Drive, one_body
 from drivetool.drive.effects import EFFECT as INDUCTION, mean_torque
@@ -210,7 +210,7 @@ def _initial_ratios(runs: Sequence[Run]) -> np.ndarray:
         speed, rate = _speeds_and_rates(run)
         rows.append(np.column_stack([np.abs(speed), np.ones(len(speed))]))
         rates.append(-np.sign(speed) * rate)
-    found = nnls(np.concatenate(rows), np.concatenate(rates))[0]
+    found = scipy.optimize.nnls(np.concatenate(rows), np.concatenate(rates))[0]
     return np.maximum(found, 1e-3 * np.abs(np.concatenate(rates)).max() / np.concatenate(rows).max(axis=0))
 
 

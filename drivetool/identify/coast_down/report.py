@@ -6,8 +6,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from scipy.optimize import brentq
-from scipy.stats import chi2
+import scipy
 
 from drivetool.drive import Drive
 from drivetool.drive.effects import steady_torque
@@ -97,7 +96,7 @@ def no_load_speed(
     driven = next((i for i, w in enumerate(speeds) if net_torque(w) > 0.0), 0)
     if not driven:
         return ()
-    speed = float(brentq(net_torque, speeds[driven], speeds[driven - 1], xtol=1e-12))
+    speed = float(scipy.optimize.brentq(net_torque, speeds[driven], speeds[driven - 1], xtol=1e-12))
     slope = (net_torque(speed + SLOPE_STEP) - net_torque(speed - SLOPE_STEP)) / (2.0 * SLOPE_STEP)
     by, at = np.array([speed, 1.0]) / slope, [free.index(n) for n in names]
     std = float(np.sqrt(by @ fitted.covariance[np.ix_(at, at)] @ by))
@@ -149,7 +148,7 @@ def scatter_between_runs(start: Drive, free: Sequence[str], runs: Sequence[Run],
     mean = np.linalg.pinv(np.sum(weights, axis=0), hermitian=True) @ np.sum(
         [w @ f.values for w, f in zip(weights, singles, strict=True)], axis=0)
     square = sum(float((f.values - mean) @ w @ (f.values - mean)) for w, f in zip(weights, singles, strict=True))
-    probability = float(chi2.sf(square, (len(unpowered) - 1) * len(own)))
+    probability = float(scipy.stats.chi2.sf(square, (len(unpowered) - 1) * len(own)))
     if probability > MISFIT_SIGNIFICANCE:
         return CoastDownScatter(probability, {}, none)
     values = np.array([f.values for f in singles])

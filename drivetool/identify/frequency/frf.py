@@ -12,7 +12,7 @@ from dataclasses import dataclass
 from typing import Literal
 
 import numpy as np
-from scipy.signal import get_window
+import scipy
 
 from drivetool.errors import BadOption, NotEnoughData
 
@@ -79,7 +79,7 @@ class Welch:
         if not 0.0 <= self.overlap < 1.0:
             raise BadOption("an overlap from 0 to below 1", f"{self.overlap:g}", "Correct --overlap.")
         try:
-            get_window(self.window, 8)
+            scipy.signal.get_window(self.window, 8)
         except (ValueError, TypeError):
             raise BadOption("a window that SciPy knows by its name alone", f"'{self.window}'",
                             "Use for example hann, hamming, blackman or boxcar.") from None
@@ -92,7 +92,7 @@ class Welch:
     @property
     def bins(self) -> float:
         """Equivalent noise bandwidth of the window, in lines."""
-        w = get_window(self.window, self.length)
+        w = scipy.signal.get_window(self.window, self.length)
         return float(self.length * np.sum(w**2) / np.sum(w) ** 2)
 
     def frames(self, size: int) -> int:
@@ -104,7 +104,7 @@ class Welch:
 
         source  Welch 1967, the variance of the averaged periodogram
         """
-        k, w = self.frames(size), get_window(self.window, self.length)
+        k, w = self.frames(size), scipy.signal.get_window(self.window, self.length)
         energy, shared = float(w @ w), 0.0
         for j in range(1, k):
             if j * self.shift >= self.length:
@@ -145,7 +145,7 @@ def pooled(stretches: Sequence[np.ndarray], step: float, welch: Welch) -> Spectr
             f"at least {MIN_INDEPENDENT_FRAMES:g} independent frames of {welch.length * step:g} s",
             f"{averages:.2g} in stretches of {', '.join(f'{len(x) * step:g} s' for x in stretches)}",
             "Record longer, or shorten the frames with --length.")
-    w = get_window(welch.window, welch.length)
+    w = scipy.signal.get_window(welch.window, welch.length)
     density = np.asarray(total) * 2.0 * step / float(w @ w) / frames
     density[0] *= 0.5
     if welch.length % 2 == 0:
@@ -159,7 +159,7 @@ def _frame_spectra(x: np.ndarray, welch: Welch) -> np.ndarray:
     t = np.linspace(-1.0, 1.0, welch.length)
     line = np.stack([np.full(welch.length, 1.0 / np.sqrt(welch.length)), t / np.linalg.norm(t)])
     frames = frames - (frames @ line.T) @ line
-    return np.fft.rfft(frames * get_window(welch.window, welch.length), axis=2)
+    return np.fft.rfft(frames * scipy.signal.get_window(welch.window, welch.length), axis=2)
 
 
 def welch_response(stretches: Sequence[np.ndarray], step: float, welch: Welch,

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import numpy as np
-from scipy.signal import find_peaks
+import scipy
 
 from drivetool.finding import Finding
 from drivetool.identify.estimate import PlotData
@@ -26,7 +26,7 @@ def peaks_of(r: Response) -> tuple[PeakSection, ...]:
     found = []
     for kind, sign in (("resonance", 1.0), ("anti-resonance", -1.0)):
         for i, size in zip(*(lambda p: (p[0], p[1]["prominences"]))(
-                find_peaks(sign * level, prominence=MIN_PEAK_PROMINENCE)), strict=True):
+                scipy.signal.find_peaks(sign * level, prominence=MIN_PEAK_PROMINENCE)), strict=True):
             std = stds[i] if np.isfinite(stds[i]) else 0.0
             if size < 4.0 * std or r.coherence[max(0, i - 1): i + 2].min() < MIN_COHERENCE:
                 continue

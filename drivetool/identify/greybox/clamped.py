@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.signal import lfilter
+import scipy
 
 from drivetool.drive import Drive
 from drivetool.errors import BadRecording
@@ -132,7 +132,7 @@ def _responses(frequency: float, ratio: float, torque: np.ndarray, step: float) 
     backward = np.array([1.0, -2.0 * decay[0].real, abs(decay[0]) ** 2])
     # The step response is a difference of exp(p0 t) and exp(p1 t): the filter has its samples at each interval.
     amplitude = ((decay[0] - decay[1]) / (poles[0] - poles[1])).real
-    forced = lfilter([0.0, amplitude, -amplitude], backward, torque - torque[0])
+    forced = scipy.signal.lfilter([0.0, amplitude, -amplitude], backward, torque - torque[0])
     time = np.arange(len(torque)) * step
     free = np.exp(poles[0] * time)
     return np.column_stack([forced, free.real, free.imag])

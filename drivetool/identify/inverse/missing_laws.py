@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
-from scipy.signal import lfilter
+import scipy
 
 from drivetool.identify.inverse.regression import InverseFit, InverseRegression, solve_inverse
 from drivetool.identify.laws import (
@@ -46,7 +46,7 @@ def missing_laws_of(record: InverseRegression) -> tuple[str, ...]:
         used = q.used & z.used & np.isfinite(rows).all(axis=1)
         powers += [float(np.sum(v[used] ** 2)) for v in (q.residual, q.torque)]
         rows, used = np.where(used[:, None], rows, 0.0)[::record.kept], used[::record.kept]
-        white = lfilter(autoregression(rows[:, -1]), [1.0], rows, axis=0)
+        white = scipy.signal.lfilter(autoregression(rows[:, -1]), [1.0], rows, axis=0)
         whole = np.convolve(used, np.ones(AUTOREGRESSION_ORDER + 1),
                             "full")[:len(used)] > AUTOREGRESSION_ORDER + 0.5
         parts.append(white[whole])

@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.stats import t as student
+import scipy
 
 from drivetool.identify.estimate import Z95, inverted
 from drivetool.identify.motion import INFLUENCE_BLOCKS
@@ -14,7 +14,7 @@ from drivetool.identify.problem import nonzero_scale
 from drivetool.identify.setup import Outcome
 
 # Student's t over the normal quantile: a variance of so few blocks is uncertain itself.
-FEW_BLOCKS_FACTOR = float(student.ppf(0.975, INFLUENCE_BLOCKS - 1)) / Z95
+FEW_BLOCKS_FACTOR = float(scipy.special.stdtrit(INFLUENCE_BLOCKS - 1, 0.975)) / Z95
 
 
 @dataclass(frozen=True)

@@ -10,7 +10,7 @@ from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
-from scipy.signal import lfilter
+import scipy
 
 from drivetool.identify.channels import feedback_in
 from drivetool.logs import Experiment
@@ -99,7 +99,7 @@ def _low_passed(shape: np.ndarray) -> list[np.ndarray]:
     found = [shape]
     for samples in LOOP_TIME_CONSTANTS:
         p = np.exp(-1.0 / samples)
-        found.append(lfilter([1.0 - p], [1.0, -p], shape, zi=[p * shape[0]])[0])
+        found.append(scipy.signal.lfilter([1.0 - p], [1.0, -p], shape, zi=[p * shape[0]])[0])
     return found
 
 

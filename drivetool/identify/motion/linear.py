@@ -6,8 +6,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.linalg import toeplitz
-from scipy.stats import chi2
+import scipy
 
 INFLUENCE_BLOCKS = 16  # contiguous, so that errors may be correlated within (Bester, Conley, Hansen 2011)
 # Frequencies to either side over which the residual's spectrum is smoothed: 33 together know its level to 18 per
@@ -20,7 +19,7 @@ WHITE_LOADING = 1e-6
 # Of the power at a frequency, the least residual share. A choice: it bounds the correction of fitted lines.
 MIN_RESIDUAL_SHARE = 0.1
 # Ratio of variances: 99 % by chance (chi-square)
-MAX_VARIANCE_RATIO = float(chi2.ppf(0.99, INFLUENCE_BLOCKS - 1)) / (INFLUENCE_BLOCKS - 1)
+MAX_VARIANCE_RATIO = float(2.0 * scipy.special.gammaincinv(0.5 * (INFLUENCE_BLOCKS - 1), 0.99)) / (INFLUENCE_BLOCKS - 1)
 
 
 @dataclass(frozen=True)
@@ -87,7 +86,7 @@ def autoregression(values: np.ndarray) -> np.ndarray:
     products = np.fft.irfft(np.abs(np.fft.rfft(values, size)) ** 2, size)[:AUTOREGRESSION_ORDER + 1]
     if products[0] <= 0.0:
         return np.concatenate([[1.0], np.zeros(AUTOREGRESSION_ORDER)])
-    matrix = toeplitz(products[:-1]) + WHITE_LOADING * products[0] * np.eye(AUTOREGRESSION_ORDER)
+    matrix = scipy.linalg.toeplitz(products[:-1]) + WHITE_LOADING * products[0] * np.eye(AUTOREGRESSION_ORDER)
     return np.concatenate([[1.0], -np.linalg.solve(matrix, products[1:])])
 
 

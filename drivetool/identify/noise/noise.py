@@ -6,7 +6,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from scipy.signal import lfilter
+import scipy
 
 from drivetool.drive.simulation import Filtered, Trace
 from drivetool.identify.noise.noise_scoring import NoiseLikelihood, likelihood_of_passes, minimise_by_scoring
@@ -129,11 +129,11 @@ def with_torque_noise(trace: Trace, noise: Noise, sensor_std: float, rng: np.ran
     if m is None:
         drawn = white
     elif noise.slow is None:  # d[k+1] = m d[k] + sqrt(1 - m^2) w[k], of variance one
-        drawn, _ = lfilter([np.sqrt(1.0 - m**2)], [1.0, -m], white, zi=[m * rng.standard_normal()])
+        drawn, _ = scipy.signal.lfilter([np.sqrt(1.0 - m**2)], [1.0, -m], white, zi=[m * rng.standard_normal()])
     else:  # w[k] + z[k]; the root is the std of z in the steady state
         loss = 1.0 - noise.slow
         initial_state = loss * np.sqrt((1.0 - m) / (1.0 + m)) * rng.standard_normal()
-        drawn, _ = lfilter([1.0, -m - loss * (1.0 - m)], [1.0, -m], white, zi=[initial_state])
+        drawn, _ = scipy.signal.lfilter([1.0, -m - loss * (1.0 - m)], [1.0, -m], white, zi=[initial_state])
     inputs = trace.inputs.copy()
     inputs[:, 0] += noise.ratio * sensor_std * drawn
     return replace(trace, inputs=inputs)

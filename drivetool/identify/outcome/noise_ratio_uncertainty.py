@@ -11,7 +11,7 @@ from collections.abc import Iterator
 from dataclasses import replace
 
 import numpy as np
-from scipy.special import ndtr
+import scipy
 
 from drivetool.identify.estimate import Z95, covariance_of
 from drivetool.identify.noise import Fit, restricted_likelihood, unit_noise_ratio
@@ -67,7 +67,8 @@ def mixture_half_width(weights: np.ndarray, steps: np.ndarray, stds: np.ndarray)
     low, high = np.zeros(steps.shape[1]), np.max(np.abs(steps) + MAX_HALF_WIDTH * stds, axis=0)
     for _ in range(BISECTIONS):
         middle = 0.5 * (low + high)
-        coverage = weights @ (ndtr((middle - steps) / stds) - ndtr((-middle - steps) / stds))
+        coverage = weights @ (scipy.special.ndtr((middle - steps) / stds)
+                              - scipy.special.ndtr((-middle - steps) / stds))
         low, high = (np.where(coverage < INTERVAL_COVERAGE, middle, low),
                      np.where(coverage < INTERVAL_COVERAGE, high, middle))
     return 0.5 * (low + high)

@@ -6,8 +6,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.optimize import brentq
-from scipy.stats import chi2, t as student
+import scipy
 
 from drivetool.identify.estimate import Z95
 
@@ -38,7 +37,7 @@ def p_value_of_equality(one: GroupMean, other: GroupMean) -> float:
     if both <= 0.0:
         return float(one.value == other.value)
     degrees = both**2 / sum(m.variance**2 / (m.count - 1) for m in (one, other))
-    return float(2.0 * student.sf(abs(other.value - one.value) / np.sqrt(both), degrees))
+    return float(2.0 * scipy.stats.t.sf(abs(other.value - one.value) / np.sqrt(both), degrees))
 
 
 def variance_between(y: np.ndarray, variance: np.ndarray) -> float:
@@ -70,14 +69,14 @@ def restricted_variance(y: np.ndarray, variance: np.ndarray, groups: Sequence[np
         return 0.0
     while slope(high) > 0.0:
         high *= 4.0
-    return float(brentq(slope, 0.0, high))
+    return float(scipy.optimize.brentq(slope, 0.0, high))
 
 
 def p_value_of_homogeneity(y: np.ndarray, variance: np.ndarray) -> float:
     """p-value of the hypothesis that the groups do not differ (Cochran 1954)."""
     weight = 1.0 / variance
     mean = np.sum(weight * y) / np.sum(weight)
-    return float(chi2.sf(np.sum(weight * (y - mean) ** 2), len(y) - 1))
+    return float(scipy.stats.chi2.sf(np.sum(weight * (y - mean) ** 2), len(y) - 1))
 
 
 def half_width(std: float, between: float, count: float) -> float:
@@ -90,4 +89,4 @@ def half_width(std: float, between: float, count: float) -> float:
     if between <= 0.0:
         return Z95 * std
     degrees = max(count - 1.0, 1.0) * max(std / between, 1.0) ** 4
-    return float(student.ppf(0.975, degrees)) * std
+    return float(scipy.stats.t.ppf(0.975, degrees)) * std

@@ -6,8 +6,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from scipy import stats
-from scipy.optimize import nnls
+import scipy
 
 from drivetool.identify.plateaus.state import block_means, steady_intervals
 from drivetool.logs import Experiment
@@ -145,7 +144,7 @@ def _settled_from(speed: np.ndarray, first: int, last: int, step: float, inertia
         known = np.flatnonzero(np.isfinite(means))
         if len(known) < BATCH_COUNTS[0] // 2:
             return None
-        line = stats.linregress(known * length * step, means[known])
+        line = scipy.stats.linregress(known * length * step, means[known])
         if inertia * line.stderr > max_hidden_torque:
             return None
         if abs(line.slope) <= 4 * line.stderr or inertia * abs(line.slope) <= 0.1 * max_hidden_torque:
@@ -223,7 +222,7 @@ def _fit_noise_strengths(terms: np.ndarray, scatter: np.ndarray, dof: np.ndarray
     predicted = np.full(len(scatter), scatter.mean())
     for _ in range(12):
         weight = np.sqrt(dof / 2) / predicted
-        found, _ = nnls(terms / scale * weight[:, None], scatter * weight)
+        found, _ = scipy.optimize.nnls(terms / scale * weight[:, None], scatter * weight)
         predicted = np.maximum(terms / scale @ found, 0.1 * scatter.mean())
     return found / scale
 
@@ -236,4 +235,4 @@ def _equal_variances(variances: np.ndarray, dof: int) -> bool:
     if variances.min() <= 1e-12 * variances.max():
         return False
     statistic = dof * (k * np.log(variances.mean()) - np.log(variances).sum())
-    return bool(stats.chi2.sf(statistic / (1 + (k + 1) / (3 * k * dof)), k - 1) > 1e-3)
+    return bool(scipy.stats.chi2.sf(statistic / (1 + (k + 1) / (3 * k * dof)), k - 1) > 1e-3)

@@ -6,7 +6,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from scipy import stats
+import scipy
 
 from drivetool.errors import NotEnoughData
 from drivetool.identify.plateaus.points import SteadyPoints
@@ -91,13 +91,13 @@ def fit_line(points: SteadyPoints, held: Mapping[str, float], start: Mapping[str
     values |= found
     residual = torque - _design_matrix(points.speed, LINE_KEYS) @ np.array([values[k] for k in LINE_KEYS])
     chi2, dof = float(np.sum(residual**2 / points.variance)), len(residual) - len(free)
-    probability = float(stats.chi2.sf(chi2, dof)) if dof > 0 else 1.0
+    probability = float(scipy.stats.chi2.sf(chi2, dof)) if dof > 0 else 1.0
     rmse = float(np.sqrt(np.mean(residual**2)))
     _refuse_scatter(points, rmse, probability, dof, what)
     unexplained = probability < SCATTER_SIGNIFICANCE
     # Batches and residuals both measure the noise; if they agree, they are averaged by their freedom.
     inflation = np.sqrt(chi2 / dof if unexplained else (points.dof + chi2) / (points.dof + dof))
-    quantile = float(stats.t.ppf(0.975, dof if unexplained else points.dof + dof))
+    quantile = float(scipy.stats.t.ppf(0.975, dof if unexplained else points.dof + dof))
     return FrictionLine(values, tuple(free), covariance * inflation**2, conditional, at_bound, quantile, chi2, dof,
                 probability, unexplained, float(inflation), rmse, weights, dict(carried))
 

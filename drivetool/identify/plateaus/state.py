@@ -26,7 +26,7 @@ from __future__ import annotations
 from collections.abc import Iterable, Sequence
 
 import numpy as np
-from scipy.signal import lfilter
+import scipy
 
 from drivetool.logs import true_runs
 from drivetool.logs.samples import MAD_PER_STD
@@ -57,12 +57,12 @@ def ratio_statistic(x: np.ndarray, floor: float = 0.0) -> np.ndarray:
     returns  (n-1,) ratio: about 1 where x is constant but for white noise, large where it moves
     """
     start = x[:max(2, round(1 / L1))].mean()
-    filtered = lfilter([L1], [1, L1 - 1], x, zi=[(1 - L1) * start])[0]
+    filtered = scipy.signal.lfilter([L1], [1, L1 - 1], x, zi=[(1 - L1) * start])[0]
     about = (x[1:] - filtered[:-1])**2
     between = np.diff(x)**2
     keep = round(2 / L2)
-    v2 = lfilter([L2], [1, L2 - 1], about, zi=[(1 - L2) * about[:keep].mean()])[0]
-    d2 = lfilter([L3], [1, L3 - 1], between, zi=[(1 - L3) * between[:keep].mean()])[0]
+    v2 = scipy.signal.lfilter([L2], [1, L2 - 1], about, zi=[(1 - L2) * about[:keep].mean()])[0]
+    d2 = scipy.signal.lfilter([L3], [1, L3 - 1], between, zi=[(1 - L3) * between[:keep].mean()])[0]
     # White noise of variance s^2 gives v2 = 2 s^2 / (2 - l1) and d2 = 2 s^2.
     noise = 2 * floor**2
     top, bottom = (2 - L1) * v2 + noise, d2 + noise

@@ -6,8 +6,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from scipy.linalg import toeplitz
-from scipy.signal import lfilter
+import scipy
 
 from drivetool.errors import NotEnoughData
 from drivetool.identify.polynomial.pem_model import Prediction, Stretch, Structure, _delayed_columns
@@ -160,8 +159,8 @@ def _moving_average(problem: Prediction, solution: Solution) -> np.ndarray:
     plant = problem.structure.polynomial("F", values)
     now, past = [], []
     for start, stretch in zip(solution.point.starts, problem.stretches, strict=True):
-        v = lfilter(plant, [1.0], problem.errors(values, start, stretch))[n:]
-        e = lfilter(np.concatenate([[1.0], yule_walker(v, min(60, len(v) // 10))]), [1.0], v)
+        v = scipy.signal.lfilter(plant, [1.0], problem.errors(values, start, stretch))[n:]
+        e = scipy.signal.lfilter(np.concatenate([[1.0], yule_walker(v, min(60, len(v) // 10))]), [1.0], v)
         now.append((v - e)[n:])
         past.append(np.column_stack([e[n - j: len(e) - j] for j in range(1, n + 1)]))
     c = np.linalg.lstsq(np.concatenate(past), np.concatenate(now), rcond=None)[0]
@@ -210,16 +209,18 @@ def _instrumental_round(stretches, s: Structure, values: np.ndarray, f: slice, b
     lhs, rhs = 0.0, 0.0
     tails = []
     for d in stretches:
-        y, u = lfilter([1.0], bottom, d.y), lfilter([1.0], bottom, d.u)
-        one = lfilter([1.0], bottom, np.ones(len(u)))
+        y, u = scipy.signal.lfilter([1.0], bottom, d.y), scipy.signal.lfilter([1.0], bottom, d.u)
+        one = scipy.signal.lfilter([1.0], bottom, np.ones(len(u)))
         ys = _delayed_columns(y, s.order + 1)
         phi = np.hstack([-ys @ tf, _delayed_columns(u, len(tb)) @ tb])
-        tail = np.column_stack([one, _delayed_columns(lfilter([1.0], bottom, np.eye(1, len(u))[0]), s.order)])
+        tail = np.column_stack([
+            one, _delayed_columns(scipy.signal.lfilter([1.0], bottom, np.eye(1, len(u))[0]), s.order)])
         tail = tail / np.maximum(np.linalg.norm(tail, axis=0), 1e-300)
         z = phi
         if turn:
-            x = lfilter(s.polynomial("B", values), bottom, d.u)
-            z = np.hstack([-_delayed_columns(lfilter([1.0], bottom, x), s.order + 1) @ tf, phi[:, s.order:]])
+            x = scipy.signal.lfilter(s.polynomial("B", values), bottom, d.u)
+            z = np.hstack([-_delayed_columns(scipy.signal.lfilter([1.0], bottom, x), s.order + 1) @ tf,
+                           phi[:, s.order:]])
         q, _ = np.linalg.qr(tail)
         target = ys @ base
         phi, target = phi - q @ (q.T @ phi), target - q @ (q.T @ target)
@@ -246,7 +247,7 @@ def yule_walker(x: np.ndarray, order: int) -> np.ndarray:
     x = x - x.mean()
     r = np.array([x[: len(x) - k] @ x[k:] for k in range(order + 1)]) / len(x)
     r[0] = r[0] * (1.0 + 1e-9) + 1e-300
-    return -np.linalg.solve(toeplitz(r[:-1]), r[1:])
+    return -np.linalg.solve(scipy.linalg.toeplitz(r[:-1]), r[1:])
 
 
 def _with_covariance(problem: Prediction, solution: Solution) -> PemFit:
@@ -279,7 +280,7 @@ def _with_covariance(problem: Prediction, solution: Solution) -> PemFit:
         total += j.T @ j
         if not white:
             # Sum over t of j(t) v(t) with v = e/ar is the sum over s of e(s) times j filtered backwards.
-            j = lfilter([1.0], ar, j[::-1], axis=0)
+            j = scipy.signal.lfilter([1.0], ar, j[::-1], axis=0)
             inner += j.T @ j
     size = np.sqrt(np.maximum(np.diag(total), 1e-300))
     inverse = np.linalg.pinv(total / np.outer(size, size), rcond=1e-15, hermitian=True) / np.outer(size, size)
@@ -298,9 +299,9 @@ def _whitener(problem: Prediction, values: np.ndarray, errors: Sequence[np.ndarr
     plant = np.poly(_stable(np.roots(s.polynomial(s.dynamics, values)))).real
     trials = []
     for first in (np.ones(1), plant):
-        bare = [lfilter(first, [1.0], x)[len(first) - 1:] for x in errors]
+        bare = [scipy.signal.lfilter(first, [1.0], x)[len(first) - 1:] for x in errors]
         ar = np.concatenate([[1.0], yule_walker(np.concatenate(bare), min(40, problem.count // 20))])
-        variance = sum(float(np.sum(lfilter(ar, [1.0], x)[len(ar):] ** 2)) for x in bare)
+        variance = sum(float(np.sum(scipy.signal.lfilter(ar, [1.0], x)[len(ar):] ** 2)) for x in bare)
         trials.append((variance / degrees, np.convolve(first, ar)))
     whitened_variance, polynomial = min(trials, key=lambda t: t[0])
     return polynomial, whitened_variance

@@ -18,7 +18,7 @@ from functools import cached_property, lru_cache
 from typing import Literal
 
 import numpy as np
-from scipy.signal import lfilter
+import scipy
 
 from drivetool.identify.problem import Normal, Point
 
@@ -185,16 +185,16 @@ class Prediction:
         s = self.structure
         top, pulse = s.polynomial("B", values), _padded(self.heads @ start[:-1], len(stretch.u))
         bottom = s.polynomial(s.dynamics, values)
-        return lfilter(top, bottom, stretch.u - start[-1]) + lfilter([1.0], bottom, pulse)
+        return scipy.signal.lfilter(top, bottom, stretch.u - start[-1]) + scipy.signal.lfilter([1.0], bottom, pulse)
 
     def _signals(self, values: np.ndarray, start: np.ndarray, stretch: Stretch):
         """Polynomials, (torque, model output, equation error, prediction error)."""
         p = {letter: self.structure.polynomial(letter, values) for letter in "ABFCD"}
         v = stretch.u - start[-1]
-        driven = lfilter(p["B"], [1.0], v) + _padded(self.heads @ start[:-1], len(v))
-        w = lfilter([1.0], p["F"], driven)
-        s = lfilter(p["A"], [1.0], stretch.y) - w
-        return p, v, w, s, lfilter(p["D"], p["C"], s)
+        driven = scipy.signal.lfilter(p["B"], [1.0], v) + _padded(self.heads @ start[:-1], len(v))
+        w = scipy.signal.lfilter([1.0], p["F"], driven)
+        s = scipy.signal.lfilter(p["A"], [1.0], stretch.y) - w
+        return p, v, w, s, scipy.signal.lfilter(p["D"], p["C"], s)
 
     def jacobian(self, values: np.ndarray, start: np.ndarray, stretch: Stretch) -> tuple[np.ndarray, np.ndarray]:
         """(errors (n,), derivatives (n, k + own))."""
@@ -203,17 +203,19 @@ class Prediction:
 
         def through(x: np.ndarray) -> np.ndarray:
             """Effect of a change of the driven side on the errors, poles before zeros."""
-            return lfilter(p["D"], p["C"], lfilter([1.0], p["F"], x))
+            return scipy.signal.lfilter(p["D"], p["C"], scipy.signal.lfilter([1.0], p["F"], x))
 
-        base = {"B": lambda: -through(v), "F": lambda: through(w), "A": lambda: lfilter(p["D"], p["C"], stretch.y),
-                "C": lambda: -lfilter([1.0], p["C"], e), "D": lambda: lfilter([1.0], p["C"], s)}
+        base = {"B": lambda: -through(v), "F": lambda: through(w),
+                "A": lambda: scipy.signal.lfilter(p["D"], p["C"], stretch.y),
+                "C": lambda: -scipy.signal.lfilter([1.0], p["C"], e),
+                "D": lambda: scipy.signal.lfilter([1.0], p["C"], s)}
         if self.held is not None and self.held.all():
             columns = [np.zeros((n, len(self.names)))]  # only the start values are wanted, at a third of the cost
         else:
             columns = [_delayed_columns(base[letter](), len(table)) @ table
                        for letter in kind for _, table in (self.structure.basis(letter),)]
         columns.append(-_delayed_columns(through(_padded(np.ones(1), n)), self.own - 1) @ self.heads)
-        columns.append(through(lfilter(p["B"], [1.0], np.ones(n)))[:, None])
+        columns.append(through(scipy.signal.lfilter(p["B"], [1.0], np.ones(n)))[:, None])
         return e, np.hstack(columns)
 
     # The interface of least_squares.solve.

@@ -10,7 +10,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.linalg import expm, expm_frechet
+import scipy
 
 from drivetool.drive import Assembly, Drive, Layout, linear_drive
 from drivetool.identify.setup.setup import with_trial_values
@@ -44,7 +44,7 @@ class HeldResponse:
         flow = s.rows[:, : nx + 1, 0] / s.mass[:, :1]
         block = np.zeros((nx + 1, nx + 1))
         block[:nx] = flow * self.step
-        whole = expm(block)
+        whole = scipy.linalg.expm(block)
         a, b, c = whole[:nx, :nx], whole[:nx, nx], s.outputs[0, :, 0]
         w = 2.0 * np.pi * self.frequency
         z = np.exp(1j * w * self.step)
@@ -57,7 +57,7 @@ class HeldResponse:
             slope = np.zeros_like(block)
             slope[:nx] = (s.rows[:, : nx + 1, 1 + j] - flow * s.mass[:, 1 + j: 2 + j]) / s.mass[:, :1] * self.step
             if slope.any():
-                change = expm_frechet(block, slope, compute_expm=False)
+                change = scipy.linalg.expm_frechet(block, slope, compute_expm=False)
                 slopes[:, j] = np.einsum("nj,nj->n", left, right @ change[:nx, :nx].T + change[:nx, nx])
             slopes[:, j] += right @ s.outputs[0, :, 1 + j]
             slopes[:, j] *= delay

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 import numpy as np
-from scipy.stats import chi2, norm
+import scipy
 
 from drivetool.errors import BadParameters
 from drivetool.finding import Finding
@@ -20,7 +20,7 @@ from drivetool.identify.several.sections import SwapLineSection, SwapSection
 from drivetool.quantity import ELECTRIC_UNITS, name_of
 
 # Of the chi-square, as rare as one parameter beyond that.
-SIDES_SIGNIFICANCE = float(2.0 * norm.sf(MIN_SIGNIFICANT_RATIO))
+SIDES_SIGNIFICANCE = float(2.0 * scipy.special.ndtr(-MIN_SIGNIFICANT_RATIO))
 # Relative, to which two ratios are each other's reciprocal: one may be written as 0.333.
 RECIPROCAL_TOLERANCE = 1e-3
 # Eigenvalue of a correlation matrix below which it is rounding to the ten digits of a file.
@@ -50,7 +50,7 @@ def swap(first: Side, second: Side) -> Swap:
     derived = list(derived_swap_lines(first, second))
     compared = [line for line in lines if line.ratio is not None]
     chi_square, degrees = _chi_square(compared, first, second)
-    p = float(chi2.sf(chi_square, degrees)) if compared else None
+    p = float(scipy.stats.chi2.sf(chi_square, degrees)) if compared else None
     differ = [line for line in (*lines, *derived) if line.differs]
     agree = None if p is None else not differ and p >= SIDES_SIGNIFICANCE
     found = Swap(first.name, second.name, lines, derived, chi_square if compared else None, degrees, p, agree)

@@ -6,7 +6,7 @@ from collections.abc import Mapping, Sequence
 from itertools import combinations
 
 import numpy as np
-from scipy.stats import norm
+import scipy
 
 from drivetool.finding import Finding
 from drivetool.identify.outcome import mean_of, p_value_of_equality
@@ -31,7 +31,7 @@ def differences(structure: str, figures: Mapping[str, Mapping[str, tuple[float, 
             if other is None or not std or not other[1]:
                 continue
             change, both = float(other[0] - value), float(np.hypot(std, other[1]))
-            found.append((name, unit, a, b, change, both, 2.0 * norm.sf(abs(change) / both)))
+            found.append((name, unit, a, b, change, both, 2.0 * scipy.stats.norm.sf(abs(change) / both)))
     return _with_adjusted_p(structure, found)
 
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import numpy as np
-from scipy.stats import t as student
+import scipy
 
 from drivetool.files.shapes import trend_shapes as shapes
 from drivetool.identify.outcome import mean_of, restricted_variance, variance_between
@@ -67,7 +67,7 @@ def within_day_variance(values: np.ndarray, variances: np.ndarray, groups: list[
 
 def _student_interval(value: float, variance: float, degrees: int) -> tuple[float, float]:
     """95 % by Student's t."""
-    half_width = float(student.ppf(0.975, degrees)) * float(np.sqrt(variance))
+    half_width = float(scipy.stats.t.ppf(0.975, degrees)) * float(np.sqrt(variance))
     return value - half_width, value + half_width
 
 

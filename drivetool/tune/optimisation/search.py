@@ -13,7 +13,7 @@ from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
-from scipy.optimize import minimize
+import scipy
 
 from drivetool.errors import BadParameters
 from drivetool.tune.optimisation.criteria import Criterion, criterion_value, criterion_values
@@ -283,7 +283,7 @@ def _nelder_mead(task: TuningProblem, start: _GridPoint, free: list[int], end: f
     trial = _Objective(task, start, free, end, Optimum(settings, start.value))
     x0 = start.point[free]
     simplex = np.vstack([x0, x0 + np.diag([_first_step(x0[i], k, step[k]) for i, k in enumerate(free)])])
-    minimize(trial, x0, method="Nelder-Mead", options={
+    scipy.optimize.minimize(trial, x0, method="Nelder-Mead", options={
         "initial_simplex": simplex, "xatol": 1e-7, "fatol": 1e-9 * start.value, "maxfev": 90 * len(free)})
     return trial.best
 

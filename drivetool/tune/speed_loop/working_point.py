@@ -12,7 +12,7 @@ from dataclasses import replace
 from types import MappingProxyType
 
 import numpy as np
-from scipy.optimize import brentq
+import scipy
 
 from drivetool.drive import MOTOR_TORQUE, TOTALS, Assembly, Drive, Law, Layout
 from drivetool.drive.effects import EFFECTS, hardening, load_damping
@@ -164,7 +164,8 @@ def _twist_under_torque(law: Law, stiffness: float, torque: float, shaft: str) -
             raise BadParameters(
                 f"a {shaft}.hardening that gives an equilibrium under {abs(torque):.3g} of friction",
                 "a shaft that softens too much", f"Set {shaft}.hardening=0 and the stiffness under load.")
-    size = brentq(lambda z: stiffness * z + _torque_and_slope(law, z)[0] - abs(torque), 0.0, end) if torque else 0.0
+    size = scipy.optimize.brentq(lambda z: stiffness * z + _torque_and_slope(law, z)[0] - abs(torque),
+                                 0.0, end) if torque else 0.0
     return float(np.copysign(size, torque))
 
 
