@@ -35,8 +35,8 @@ def transmission_law(outcome: Outcome, motions: Mapping[str, Motions],
         # A body at rest is held against the torque.
         way = np.where(motion.slow, np.sign(before), motion.side) * np.sign(before)
         behind = np.where(motion.slow | (not one_efficiency), before, _required(outcome, motion))
-        columns.append(np.column_stack(
-            [0.5 * way * (before + behind), *([way * motion.acceleration] if len(outcome.drive.bodies) == 1 else [])]))
+        rotor = [way * motion.acceleration] if len(outcome.drive.bodies) == 1 else []
+        columns.append(np.column_stack([0.5 * way * (before + behind), *rotor]))
         ways.append(way[~motion.slow & np.isfinite(way)])
     driven, size = np.concatenate(ways) < 0.0, np.sqrt(np.nanmean(np.concatenate(columns) ** 2, axis=0))
     if not MIN_DIRECTION_SHARE < np.mean(driven) < 1.0 - MIN_DIRECTION_SHARE or not size.min() > 0.0:
