@@ -19,7 +19,8 @@ WHITE_LOADING = 1e-6
 # Of the power at a frequency, the least residual share. A choice: it bounds the correction of fitted lines.
 MIN_RESIDUAL_SHARE = 0.1
 # Ratio of variances: 99 % by chance (chi-square)
-MAX_VARIANCE_RATIO = float(2.0 * scipy.special.gammaincinv(0.5 * (INFLUENCE_BLOCKS - 1), 0.99)) / (INFLUENCE_BLOCKS - 1)
+MAX_VARIANCE_RATIO = 2.0 * float(scipy.special.gammaincinv(0.5 * (INFLUENCE_BLOCKS - 1), 0.99)) / (
+    INFLUENCE_BLOCKS - 1)
 
 
 @dataclass(frozen=True)
