@@ -12,7 +12,8 @@ from tests.drive.test_kernel import STEP, drive_of, levels, rms
 from tests.simulator.fast import simulate_fast
 from tests.simulator.machine import Machine
 
-LIGHT = Machine((0.02, 0.05), (0.02, 0.05), (0.0, 0.0), (0.0, 0.0), (120.0,), (0.3,), (0.05,), law="contact", rated_torque=2.0)
+LIGHT = Machine((0.02, 0.05), (0.02, 0.05), (0.0, 0.0), (0.0, 0.0), (120.0,), (0.3,), (0.05,), law="contact",
+                rated_torque=2.0)
 CASES = {
     "light": LIGHT,
     "little damping": replace(LIGHT, damping=(0.02,)),

@@ -159,6 +159,18 @@ def add_sticking_uncertainty(s, c, k, mode, x, u, p, before, q, h):
                     p[j, m] += g * s.rows[m, row, 0] / s.mass[m, 0] * h * distance_square
 
 
+@njit(**COMPILE)
+def follow_contacts_in_covariance(s, mode, p):
+    """The elastic twist of a gap in contact varies with the twist."""
+    for g in range(s.ng):
+        e, twist = s.relaxing[g, 0], s.relaxing[g, 1]
+        if e >= 0 and mode[g] != 1:
+            for j in range(p.shape[0]):
+                p[e, j] = p[twist, j]
+            for j in range(p.shape[0]):
+                p[j, e] = p[j, twist]
+
+
 @as_unit(REALS[2], REALS[2], REALS[1], REAL, REALS[1], REALS[2])
 def covariance_step(p, f, noise, q, extra, t):
     """advance_covariance; a unit, as is premultiply, so that Laws can point to a sized version instead."""
@@ -315,6 +327,7 @@ def filter_pass(s, c, laws, f, q, clock, event_free_loop, step, carry):
             keep_sticking(s, c, number, mode, x, u[i], length, transition)
         if n > 0 and reclassify(s, x, mode, no_columns, guards):
             number = -1
+            follow_contacts_in_covariance(s, mode, p)
         if states.shape[0] > 0:
             for j in range(nx):
                 states[i, j] = x[j]

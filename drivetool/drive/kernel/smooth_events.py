@@ -17,7 +17,14 @@ from drivetool.drive.compile import (
     WHOLES,
     as_unit,
 )
-from drivetool.drive.kernel.events import MAX_EVENTS_PER_PART, close_relaxed_gap, net_load, next_event, switch_mode, unlocated_step
+from drivetool.drive.kernel.events import (
+    MAX_EVENTS_PER_PART,
+    close_relaxed_gap,
+    net_load,
+    next_event,
+    switch_mode,
+    unlocated_step,
+)
 from drivetool.drive.kernel.laws import law_at, set_holding_torque
 from drivetool.drive.kernel.modes import MAX_LOCATED_RATE, lookup
 from drivetool.drive.kernel.roots import horner
