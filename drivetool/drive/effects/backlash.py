@@ -14,7 +14,7 @@ MAX_RELAXATION_RATE = 50.0
 
 
 def states(assembly, shaft):
-    """The elastic twist, where it relaxes in the gap; without damping it follows at once, as by the law "inside"."""
+    """The elastic twist, where it relaxes in the gap; without damping it relaxes at once, as by "inside"."""
     name = assembly.drive.shafts[shaft]
     acts = {name_of(name, "half_gap"), name_of(name, "damping")} <= assembly.acting
     return (f"{name}.elastic",) if acts and assembly.drive.damping_law == "contact" else ()
@@ -43,7 +43,8 @@ EFFECT = Effect(
     stamp=stamp,
     states=states,
     start=start,
-    law="Ts = ks dead(z, a), z = twist + (cs/ks) d(twist)/dt; by the law contact z = e beyond the gap, e' = -(ks/cs) e in it",
+    law="Ts = ks dead(z, a), z = twist + (cs/ks) d(twist)/dt; by the law `contact` the elastic twist e "
+        "relaxes in the gap, e' = -(ks/cs) e, and the gap closes where |twist - e| = a",
     needs="shaft torque of both signs",
     source="Tallfors 2005, (5.17) and ch. 6; Nordin, Galic, Gutman 1997",
     present=("half_gap",),

@@ -154,7 +154,7 @@ def release_bodies(s, holding_torque, net, x, u, mode):
 
 @njit(**COMPILE)
 def follow_contacts(s, mode, x, sens):
-    """Set the elastic twists of the gaps in contact, which are the twists beyond the half gap, and their columns."""
+    """Set the elastic twists of the gaps in contact, the twists beyond the half gap, and their columns."""
     for g in range(s.ng):
         e, twist, side = s.relaxing[g, 0], s.relaxing[g, 1], 1.0 - mode[g]
         if e >= 0 and side != 0.0:

@@ -31,8 +31,8 @@ def has_gap(drive: Drive) -> bool:
 def closed_loop(loop: Loop, settings: Settings, step: float, outputs: Sequence[str] = ()) -> Plant:
     """The simulation model of the loop, with speed reference and load torque as inputs.
 
-    outputs  roles of the drive; the states are always returned: speeds, twists, controller, then the elastic twists
-             of gaps in which the shaft relaxes. The measured shaft torque of a mimo loop is that of a closed contact
+    outputs  roles of the drive; the states are always returned: speeds, twists, controller, and elastic twists of
+             gaps in which the shaft relaxes. The measured shaft torque of a mimo loop is that of a closed contact
     step     sample interval of the inputs [s]
     """
     plain = Assembly(chain_alone(loop.drive),
