@@ -17,6 +17,7 @@ from drivetool.drive import DampingLaw, is_constant
 from drivetool.errors import DriveToolError
 from drivetool.finding import Finding
 from drivetool.identify.noise import (
+    ABANDON_EXCESS,
     MAX_REPEATED_FITS,
     Noise,
     fit_innovations,
@@ -135,7 +136,7 @@ def _fit_from_neighbour(each: Mapping[str, Outcome]) -> Outcome | None:
     """The fit of the law "contact" from where "inside" ended: they differ in the gap alone."""
     inside = each.get("inside")
     return inside and _fit_or_none(replace(inside.fitted, drive=replace(inside.drive, damping_law="contact")),
-                                   MAX_REPEATED_FITS, inside.fit.noise)
+                                   MAX_REPEATED_FITS, inside.fit.noise, min(o.fit.value for o in each.values()))
 
 
 def _law_starts(task: Task, shaft: str, law: DampingLaw, seen: Crossings, names: set[str]) -> list[Task]:
@@ -163,17 +164,18 @@ def _fit_of_law(starts: Sequence[Task], free: tuple[str, ...], names: set[str],
     return _likeliest_with_starts([o for o in (near, *found) if o is not None])
 
 
-def _fit_or_none(task: Task, repeats: int, noise: Noise | None = None) -> Outcome | None:
+def _fit_or_none(task: Task, repeats: int, noise: Noise | None = None, wanted: float = np.inf) -> Outcome | None:
     """A fit from the task's values; None where it fails.
 
-    more  fits, each from the end of the one before, until one converges
+    repeats  fits, each from the end of the one before, until one converges
+    wanted   -log likelihood to be reached: a fit far above it after a few rounds is given up
     """
     try:
         problem = task.problem()
         point = first_point(task.drive, problem, task.roles)
         fit = fit_innovations(problem, point, noise or fit_ratio(problem, point, Noise(1.0, None, problem.scale)),
-                              near_optimum=noise is not None)
-        if repeats:
+                              near_optimum=noise is not None, wanted=wanted)
+        if repeats and fit.value < wanted + ABANDON_EXCESS:
             fit = refit_with_tight_tolerance(problem, until_converged(problem, fit, repeats))
     except (DriveToolError, np.linalg.LinAlgError):
         return None
