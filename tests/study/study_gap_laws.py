@@ -2,10 +2,10 @@
 
     python -m tests.study.study_gap_laws [rigs] [shift] [share of the damping] [law of all rigs]
 
-Even seeds have their damping in the contact, odd ones in the gap too, unless one law is asked for. The half gap is 0.3 to 6 times the twist at
-100 Nm, the damping 1 to 10 times that of `rig_of`; the drive knows all values but the gap, with a third of the
-damping. The gain of a law is its lead in log likelihood when both are fitted from the truth. With little
-damping (a share of 0.001, say) no law shows.
+Even seeds have their damping in the contact, odd ones in the gap too, unless one law is asked for. The half gap is
+0.3 to 6 times the twist at 100 Nm, the damping 1 to 10 times that of `rig_of`; the drive knows all values but the
+gap, with a third of the damping. The gain of a law is its lead in log likelihood when each is fitted from the truth.
+With little damping (a share of 0.001, say) no law shows.
 
 A line per rig: law, the tool's, its gain, gap and damping over the truth's with their errors in standard
 deviations, warnings. Last, the counts of rigs on which the gain is above CLEAR_GAIN, and below HIDDEN_GAIN.
@@ -60,7 +60,7 @@ def fitted(machine: Machine, seed: int, damping: float = 0.3) -> Estimate:
 
 
 def gain_of_law(machine: Machine, seed: int) -> float:
-    """Log likelihood by which the machine's law leads the best other, gap and damping of each fitted from the truth."""
+    """Log likelihood by which the machine's law leads the others, gap and damping of each fitted from the truth."""
     record = opened(gap_record(machine, seed), "gap", ROLES)
     known = truth_of(machine) | {"shaft.half_gap": machine.half_gap[0]}
     roles, values = Roles(("motor_torque",), ("motor_speed", "shaft_torque")), {}

@@ -19,7 +19,7 @@ from drivetool.drive.kernel.run import (
     event_free_step,
     keep_sticking,
     law_step_or_events,
-    reclassify,
+    reclassify_estimate,
     update_output_torques,
 )
 from drivetool.drive.kernel.simd_intrinsics import row_times, tuple_reader, write
@@ -159,18 +159,6 @@ def add_sticking_uncertainty(s, c, k, mode, x, u, p, before, q, h):
                     p[j, m] += g * s.rows[m, row, 0] / s.mass[m, 0] * h * distance_square
 
 
-@njit(**COMPILE)
-def follow_contacts_in_covariance(s, mode, p):
-    """The elastic twist of a gap in contact varies with the twist."""
-    for g in range(s.ng):
-        e, twist = s.relaxing[g, 0], s.relaxing[g, 1]
-        if e >= 0 and mode[g] != 1:
-            for j in range(p.shape[0]):
-                p[e, j] = p[twist, j]
-            for j in range(p.shape[0]):
-                p[j, e] = p[j, twist]
-
-
 @as_unit(REALS[2], REALS[2], REALS[1], REAL, REALS[1], REALS[2])
 def covariance_step(p, f, noise, q, extra, t):
     """advance_covariance; a unit, as is premultiply, so that Laws can point to a sized version instead."""
@@ -305,13 +293,13 @@ def filter_pass(s, c, laws, f, q, clock, event_free_loop, step, carry):
     u, late, y, r, extra, noise_input, p, x, mode = (
         f.u, f.late, f.y, f.r, f.added_variance, f.noise_input, f.p, f.x, f.mode)
     gain, var, innov, states = f.gain, f.var, f.innov, f.states
-    guards, spring, output_state, no_columns = c.guards, s.spring, s.output_state, c.transition[:, :0]
+    guards, spring, output_state = c.guards, s.spring, s.output_state
     reach, outputs, output_gap, memory = s.reach, s.outputs, s.output_gap, s.memory
     n, whole, decaying, number, length = (
         mode.size, s.part_lengths.size == 1, decaying_state(memory), -1, s.part_lengths.sum())
     row, b, k, noise = c.vectors[0], c.vectors[1], c.vectors[2], c.vectors[4][:nx]
     transition, t = c.transition, c.columns[0]
-    reclassify(s, x, mode, no_columns, guards)
+    reclassify_estimate(s, x, mode, p, guards)
     i = 0
     while i < u.shape[0]:
         if event_free_loop is not None and whole:
@@ -325,9 +313,8 @@ def filter_pass(s, c, laws, f, q, clock, event_free_loop, step, carry):
                        var, innov)
         if s.nf > 0:
             keep_sticking(s, c, number, mode, x, u[i], length, transition)
-        if n > 0 and reclassify(s, x, mode, no_columns, guards):
+        if n > 0 and reclassify_estimate(s, x, mode, p, guards):
             number = -1
-            follow_contacts_in_covariance(s, mode, p)
         if states.shape[0] > 0:
             for j in range(nx):
                 states[i, j] = x[j]
