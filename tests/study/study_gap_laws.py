@@ -4,8 +4,8 @@
 
 Even seeds have their damping in the contact, odd ones in the gap too, unless one law is asked for. The half gap is
 0.3 to 6 times the twist at 100 Nm, the damping 1 to 10 times that of `rig_of`; the drive knows all values but the
-gap, with a third of the damping. The gain of a law is its lead in log likelihood when each is fitted from the truth.
-With little damping (a share of 0.001, say) no law shows.
+gap, with a third of the damping. The gain of a law is its lead in log likelihood when each is fitted from the
+truth. With little damping (a share of 0.001, say) no law shows.
 
 A line per rig: law, the tool's, its gain, gap and damping over the truth's with their errors in standard
 deviations, warnings. Last, the counts of rigs on which the gain is above CLEAR_GAIN, and below HIDDEN_GAIN.

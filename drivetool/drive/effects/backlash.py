@@ -7,17 +7,16 @@ of the shaft relaxes, a state of its own, and its flanks touch at the half gap, 
 """
 
 from drivetool.drive.effects.effect import Effect
-from drivetool.quantity import Quantity, name_of
+from drivetool.quantity import Quantity
 
-# Rate of the relaxation times the sample interval, above which a faster one leaves no trace in the record.
+# Rate of the relaxation times the sample interval, above which a faster one leaves no trace in the record. Without
+# damping the law is then "inside".
 MAX_RELAXATION_RATE = 50.0
 
 
 def states(assembly, shaft):
-    """The elastic twist, where it relaxes in the gap; without damping it relaxes at once, as by "inside"."""
-    name = assembly.drive.shafts[shaft]
-    acts = {name_of(name, "half_gap"), name_of(name, "damping")} <= assembly.acting
-    return (f"{name}.elastic",) if acts and assembly.drive.damping_law == "contact" else ()
+    """The elastic twist by the law "contact", also with a closed gap: a fit closes it with the start states kept."""
+    return (f"{assembly.drive.shafts[shaft]}.elastic",) if assembly.drive.damping_law == "contact" else ()
 
 
 def start(drive, _shaft, speeds, inputs):
