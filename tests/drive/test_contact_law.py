@@ -89,7 +89,7 @@ def test_closed_contacts_have_one_law():
 
 
 def test_an_estimate_follows_its_contacts():
-    """The filter's innovations are white, and its covariance of the elastic twist is that of the twist in contact."""
+    """The filter's innovations are white and as large as it states; those by another law are not."""
     drive, torque = drive_of(LIGHT), levels(LIGHT, 2000, 3, share=0.5)
     noise = np.random.default_rng(1).normal(0.0, 1.0, (2, 2000))
     there = simulate_fast(LIGHT, torque, STEP, torque_noise=0.02 * noise[0])

@@ -15,7 +15,7 @@ MAX_RELAXATION_RATE = 50.0
 
 
 def states(assembly, shaft):
-    """The elastic twist by the law "contact", also with a closed gap: a fit closes it with the start states kept."""
+    """The elastic twist by the law "contact", with a closed gap too: fits close it and keep the start states."""
     return (f"{assembly.drive.shafts[shaft]}.elastic",) if assembly.drive.damping_law == "contact" else ()
 
 
