@@ -212,8 +212,8 @@ def gap_law_finding(laws: GapLaws, shaft: str, converged: bool = True) -> Findin
             "note", "gap-law",
             f"Only one law could be fitted to this record: {LAW_DESCRIPTIONS[law]} ({sizes}).", evidence,
             "Record more passages through the gap.")
-    # The shaft torque by "contact" has steps, which lie before or behind a sample: many optima stand side by side, and
-    # no second start may reach the same. The law is seen nevertheless.
+    # The shaft torque by "contact" has steps, which lie before or behind a sample: many optima stand side by side,
+    # and no second start may reach the same. The law is seen nevertheless.
     if not converged and not (law == "contact" and laws.outcome.converged):
         return Finding(
             "note", "gap-law",
