@@ -38,7 +38,7 @@ class Mode:
 def linear_drive(drive: Drive) -> Drive:
     """The drive without gaps, Coulomb friction, bristles, transmission loss and dead time."""
     removed = ("half_gap", "coulomb", "bristle_stiffness", "loss_driving", "loss_driven", "dead_time")
-    return replace(drive, values={
+    return replace(drive, damping_law="inside", values={  # the law matters in a gap alone
         k: v for k, v in drive.values.items() if quantity_of(k) not in removed})
 
 

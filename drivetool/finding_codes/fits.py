@@ -30,11 +30,12 @@ CODES = {
         "Record torque steps that cross the gap both ways."),
     "gap-law": Code(
         NOTE,
-        "Both published laws of a gap were fitted: the damping is part of the contact (`inside`), or acts in "
-        "contact and in the gap (`always`). One is chosen where its log likelihood is higher by more than 7, and "
-        "the file states it as `damping_law`. Otherwise the law of the parameter file is used; the `evidence` of "
-        "the finding lists the values by both laws.",
-        "Keep `damping_law` in the parameter file. Where neither is significantly likelier, record more passages "
+        "The published laws of a gap were fitted: the damping is part of the contact (`inside`), acts in contact "
+        "and in the gap (`always`), or is part of the contact and the shaft relaxes in the gap (`contact`). One is "
+        "chosen where its log likelihood is higher by more than 7 than that of any other, and the file states it "
+        "as `damping_law`. Otherwise the law of the parameter file is used if it is among those that tie, else the "
+        "likeliest; the `evidence` of the finding lists the values by each law.",
+        "Keep `damping_law` in the parameter file. Where none is significantly likelier, record more passages "
         "through the gap, slow ones too."),
     "gap-left-out": Code(
         WARNING,

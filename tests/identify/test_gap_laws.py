@@ -10,7 +10,7 @@ from drivetool.identify.setup.options import Options
 from drivetool.identify.setup.setup import roles_of
 from drivetool.identify.setup.task import Task
 from drivetool.identify.shaft_torque.dead_stretches import CONTACT_TORQUE_SHARES, crossings
-from drivetool.identify.shaft_torque.gap_laws import MIN_LAW_LEAD, both_laws, gap_law_finding
+from drivetool.identify.shaft_torque.gap_laws import MIN_LAW_LEAD, fit_gap_laws, gap_law_finding
 from tests.light_rigs import HEAVY, TABLE
 from tests.study.study_gap_laws import gap_record, truth_of
 from tests.study.study_shaft_torque import ROLES, opened
@@ -48,7 +48,7 @@ def test_a_gap_that_is_not_crossed_has_no_dead_stretch():
     closed = replace(TABLE, half_gap=(0.0,))
     assert all(c.half_gap < 1e-3 for c in crossings(task_of(closed)))
     without = task_of(rig("light", "always", 0.863), roles=ROLES[:2])
-    assert crossings(without) == [] and both_laws(without, Options()) is None
+    assert crossings(without) == [] and fit_gap_laws(without, Options()) is None
 
 
 @pytest.mark.slow
@@ -75,7 +75,7 @@ def test_the_law_of_the_machine_is_named_and_its_gap_found(law):
                          [(0.6 * MIN_LAW_LEAD, "gap-law"), (1.6 * MIN_LAW_LEAD, "gap-law")])
 def test_a_law_is_named_from_seven_of_log_likelihood_on(lead, code):
     assert 4.5 < MIN_LAW_LEAD < 9.0
-    both = both_laws(task_of(rig("heavy", "always", 0.863), damping=0.5), Options())
+    both = fit_gap_laws(task_of(rig("heavy", "always", 0.863), damping=0.5), Options())
     better = both.outcome
     other = both.each["inside"]
     near = replace(both, each={"always": better, "inside": replace(
@@ -90,13 +90,13 @@ def test_a_law_is_named_from_seven_of_log_likelihood_on(lead, code):
 
 def test_a_half_gap_that_is_held_is_not_looked_for():
     task = task_of(rig("heavy", "always", 0.863))
-    assert both_laws(replace(task, free=("shaft.damping",)), Options(hold=("shaft.half_gap",))) is None
-    assert both_laws(replace(task, free=("shaft.half_gap", "shaft.half_gap@gap")), Options()) is None
+    assert fit_gap_laws(replace(task, free=("shaft.damping",)), Options(hold=("shaft.half_gap",))) is None
+    assert fit_gap_laws(replace(task, free=("shaft.half_gap", "shaft.half_gap@gap")), Options()) is None
 
 
 @pytest.mark.slow
 def test_a_law_whose_rival_has_no_fit_is_not_named():
-    both = both_laws(task_of(rig("heavy", "always", 0.863), damping=0.5), Options())
+    both = fit_gap_laws(task_of(rig("heavy", "always", 0.863), damping=0.5), Options())
     found = gap_law_finding(replace(both, each={"always": both.outcome}), "shaft")
     assert found.code == "gap-law" and "Only one law" in found.text and "inf" not in found.text
 

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -140,9 +142,10 @@ def test_shaft_torque_feedback_needs_its_role():
     assert len(wirings_to_tune(tandem("G1"), TuneOptions(shaft_torque=True))[0]) == 3
 
 
-def test_closed_loop_around_the_whole_drive_is_the_linear_one_while_the_contact_holds():
-    drive = HEAVY.with_values({"shaft.half_gap": 0.002, "load.idle_torque": 5.0, "motor.coulomb": 2.0,
-                               "load.coulomb": 3.0})
+@pytest.mark.parametrize("law", ["inside", "contact"])
+def test_closed_loop_around_the_whole_drive_is_the_linear_one_while_the_contact_holds(law):
+    drive = replace(HEAVY.with_values({"shaft.half_gap": 0.002, "load.idle_torque": 5.0, "motor.coulomb": 2.0,
+                                       "load.coulomb": 3.0}), damping_law=law)
     at, h = Settings(2000.0, 0.06), 1e-4
     loop = build(drive, FILTERED)
     inputs = np.full((6000, 2), [10.0, 0.0])
@@ -189,6 +192,22 @@ def test_a_limit_cycle_against_the_independent_simulator():
     assert np.ptp(speed) / 2 == pytest.approx(unfiltered.amplitude, rel=0.03)
     assert (len(upward_crossings) - 1) / ((upward_crossings[-1] - upward_crossings[0]) * h) == pytest.approx(
         unfiltered.frequency_hz, rel=0.01)
+
+
+@pytest.mark.slow
+def test_a_limit_cycle_where_the_shaft_relaxes_in_the_gap():
+    """So much damping that the frequencies by the two laws differ by 2 %."""
+    drive, h, n = CYCLING.with_values({"converter.dead_time": 0.0064, "shaft.damping": 55.0}), 2e-4, 6000
+    inside, found = (disturbance_responses(build(replace(drive, damping_law=law), Wiring()), CYCLING_AT)[0]
+                     for law in ("inside", "contact"))
+    m = machine.Machine(inertia=(1.0, 3.67), viscous=(1e-3, 4e-3), stiffness=(206e3,), damping=(55.0,),
+                        half_gap=(0.002,), converter_bandwidth=433.0, dead_time=0.0064 - h / 2, law="contact")
+    pi = controllers.SpeedPI(np.zeros(n), CYCLING_AT.gain, CYCLING_AT.gain / CYCLING_AT.integral_time, h)
+    start = machine.State((0.0, found.kick), (0.0,), 0.0, 0.0, 0.0)
+    speed = simulate(m, np.zeros(n), h, start, pi, rtol=1e-7, atol=1e-10).speeds[n // 2:, 0]
+    up = np.flatnonzero((speed[:-1] < 0) & (speed[1:] >= 0))
+    assert found.hunts and (len(up) - 1) / ((up[-1] - up[0]) * h) == pytest.approx(found.frequency_hz, rel=3e-3)
+    assert found.frequency_hz > 1.015 * inside.frequency_hz
 
 
 @pytest.mark.slow

@@ -7,15 +7,16 @@ of the shaft relaxes, a state of its own, and its flanks touch at the half gap, 
 """
 
 from drivetool.drive.effects.effect import Effect
-from drivetool.errors import BadParameters
-from drivetool.quantity import Quantity, name_of
+from drivetool.quantity import Quantity
+
+# Rate of the relaxation times the sample interval, above which a faster one leaves no trace in the record. Without
+# damping the law is then "inside".
+MAX_RELAXATION_RATE = 50.0
 
 
 def states(assembly, shaft):
-    """The elastic twist, where it relaxes in the gap."""
-    name = assembly.drive.shafts[shaft]
-    relaxes = assembly.drive.damping_law == "contact" and name_of(name, "half_gap") in assembly.acting
-    return (f"{name}.elastic",) if relaxes else ()
+    """The elastic twist by the law "contact", with a closed gap too: fits close it and keep the start states."""
+    return (f"{assembly.drive.shafts[shaft]}.elastic",) if assembly.drive.damping_law == "contact" else ()
 
 
 def start(drive, _shaft, speeds, inputs):
@@ -28,12 +29,10 @@ def stamp(assembly, shaft):
     assembly.gaps[shaft] = assembly.of_shaft(shaft, "half_gap")
     for state in states(assembly, shaft):
         stiffness, damping, _ = assembly.shafts[shaft]
-        if not damping.v > 0.0:
-            name = name_of(assembly.drive.shafts[shaft], "damping")
-            raise BadParameters(f"{name} above zero for damping_law contact, which relaxes by it", f"{damping.v:g}",
-                                "Give it, or take damping_law inside, which is the same without damping.")
+        fastest = MAX_RELAXATION_RATE / assembly.layout.step
+        rate = stiffness / damping if damping.v * fastest > stiffness.v else assembly.number(fastest)
         assembly.relaxing[shaft] = column = assembly.states.index(state)
-        assembly.torque(column, column, -stiffness / damping)
+        assembly.torque(column, column, -rate)
 
 
 EFFECT = Effect(
@@ -43,8 +42,9 @@ EFFECT = Effect(
     stamp=stamp,
     states=states,
     start=start,
-    law="Ts = ks dead(z, a), z = twist + (cs/ks) d(twist)/dt",
+    law="Ts = ks dead(z, a), z = twist + (cs/ks) d(twist)/dt; by the law `contact` the elastic twist e "
+        "relaxes in the gap, e' = -(ks/cs) e, and the gap closes where |twist - e| = a",
     needs="shaft torque of both signs",
-    source="Tallfors 2005, (5.17) and ch. 6; another law: Nordin, Galic, Gutman 1997",
+    source="Tallfors 2005, (5.17) and ch. 6; Nordin, Galic, Gutman 1997",
     present=("half_gap",),
 )

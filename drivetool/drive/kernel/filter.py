@@ -19,7 +19,7 @@ from drivetool.drive.kernel.run import (
     event_free_step,
     keep_sticking,
     law_step_or_events,
-    reclassify,
+    reclassify_estimate,
     update_output_torques,
 )
 from drivetool.drive.kernel.simd_intrinsics import row_times, tuple_reader, write
@@ -293,13 +293,13 @@ def filter_pass(s, c, laws, f, q, clock, event_free_loop, step, carry):
     u, late, y, r, extra, noise_input, p, x, mode = (
         f.u, f.late, f.y, f.r, f.added_variance, f.noise_input, f.p, f.x, f.mode)
     gain, var, innov, states = f.gain, f.var, f.innov, f.states
-    guards, spring, output_state, no_columns = c.guards, s.spring, s.output_state, c.transition[:, :0]
+    guards, spring, output_state = c.guards, s.spring, s.output_state
     reach, outputs, output_gap, memory = s.reach, s.outputs, s.output_gap, s.memory
     n, whole, decaying, number, length = (
         mode.size, s.part_lengths.size == 1, decaying_state(memory), -1, s.part_lengths.sum())
     row, b, k, noise = c.vectors[0], c.vectors[1], c.vectors[2], c.vectors[4][:nx]
     transition, t = c.transition, c.columns[0]
-    reclassify(s, x, mode, no_columns, guards)
+    reclassify_estimate(s, x, mode, p, guards)
     i = 0
     while i < u.shape[0]:
         if event_free_loop is not None and whole:
@@ -313,7 +313,7 @@ def filter_pass(s, c, laws, f, q, clock, event_free_loop, step, carry):
                        var, innov)
         if s.nf > 0:
             keep_sticking(s, c, number, mode, x, u[i], length, transition)
-        if n > 0 and reclassify(s, x, mode, no_columns, guards):
+        if n > 0 and reclassify_estimate(s, x, mode, p, guards):
             number = -1
         if states.shape[0] > 0:
             for j in range(nx):

@@ -69,6 +69,18 @@ def reclassify(s, x, mode, sens, old):
     return changed
 
 
+@njit(**INLINED)
+def reclassify_estimate(s, x, mode, p, old):
+    """The same of an estimate with a covariance p (n, n): in contact an elastic twist varies with the twist."""
+    changed = reclassify(s, x, mode, p, old)
+    for g in range(s.ng):
+        e, twist = s.relaxing[g, 0], s.relaxing[g, 1]
+        if e >= 0 and mode[g] != 1:
+            for j in range(p.shape[0]):
+                p[j, e] = p[j, twist]
+    return changed
+
+
 @njit(**COMPILE)
 def keep_sticking(s, c, k, mode, x, u, h, sens):
     """Let a body keep sticking if friction stops its corrected speed within RESTICK_FRACTION of a sample.

@@ -38,8 +38,9 @@ class DriveSection(Shape):
         Literal["Nm", "N", "A", "V", "%"] | None, Meta(description="unit of the torques")] = None
     motion_unit: Annotated[Literal["rad", "m"] | None, Meta(description="unit of the motion")] = None
     damping_law: Annotated[
-        Literal["inside", "always"] | None,
-        Meta(description="shaft damping inside the contact only, or always")] = None
+        Literal["inside", "always", "contact"] | None,
+        Meta(description="shaft damping inside the contact only, or always; contact: only there too, and the shaft "
+                         "relaxes in the gap")] = None
     input_unit: Annotated[Literal["A", "V", "%"] | UnsetType | None, Meta(
         description="unit of the motors' inputs, of which torque constants make torques")] = UNSET
 

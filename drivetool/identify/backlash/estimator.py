@@ -65,10 +65,10 @@ from drivetool.identify.setup import (
     shared_free_names,
 )
 from drivetool.identify.shaft_torque import (
-    BothLaws,
-    both_laws,
-    both_laws_from,
+    GapLaws,
     dead_stretch_details,
+    fit_gap_laws,
+    fit_gap_laws_from,
     gap_law_findings,
     has_sides,
     with_friction_of_file,
@@ -119,7 +119,7 @@ def backlash(experiments: Sequence[Experiment], drive: Drive, options: Options) 
     if unopened := [g for g in gaps if not closed[g].reverses]:
         return _unopened_estimate(task, drive, unopened, closed, options)
     freed, lower_limits = with_uncertain_values_free(task, requested), {}
-    laws = both_laws(task, requested)
+    laws = fit_gap_laws(task, requested)
     if laws is not None:
         white = with_identified_friction(laws.outcome, drive, options, requested)
     elif freed is None:
@@ -151,12 +151,12 @@ def backlash(experiments: Sequence[Experiment], drive: Drive, options: Options) 
     return with_low_inertia_findings(estimate, outcome, gaps, freed and [n for n in freed.free if n not in free])
 
 
-def _with_likelier_law(white: Outcome, requested: Options) -> tuple[BothLaws | None, Outcome]:
-    """Both laws of the gap from the optimum of a fit, and the fit by the other law where that is likelier.
+def _with_likelier_law(white: Outcome, requested: Options) -> tuple[GapLaws | None, Outcome]:
+    """The laws of the gap from the optimum of a fit, and the fit by another law where that is likelier.
 
-    After a fit that has not converged, neither law would be the machine's.
+    After a fit that has not converged, none would be the machine's.
     """
-    laws = None if not_converged(white) else both_laws_from(white, requested)
+    laws = None if not_converged(white) else fit_gap_laws_from(white, requested)
     return laws, laws.outcome if laws and laws.outcome.drive.damping_law != white.drive.damping_law else white
 
 

@@ -48,9 +48,12 @@ def first_body(drive: Drive) -> Drive:
 
 
 def check_no_signal_path(drive: Drive, free: Sequence[str]) -> None:
-    """Raise BadOption where a path lies between the log and the body, or where a law has a state of its own."""
-    with_states = (name_of(owner, suffix) for effect, owner, _ in drive.effects() if effect.has_states
-                   for suffix in effect.present)
+    """Raise BadOption where a path lies between the log and the body, or where a law of a body has a state.
+
+    That of a gap may have one: the chain behind the motor is simulated.
+    """
+    with_states = (name_of(owner, suffix) for effect, owner, _ in drive.effects()
+                   if effect.has_states and effect.of != "shaft" for suffix in effect.present)
     acting = [n for n in (DEAD_TIME, *with_states) if n in free or drive.value(n) != drive.quantity(n).neutral]
     acting += [n for n in drive.values if is_constant(n)]  # not the constant that made the torque
     if acting:

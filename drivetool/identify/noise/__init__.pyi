@@ -1,4 +1,5 @@
 from .innovations import (
+    ABANDON_EXCESS as ABANDON_EXCESS,
     MAX_REPEATED_FITS as MAX_REPEATED_FITS,
     Fit as Fit,
     fit_innovations as fit_innovations,

@@ -1,9 +1,9 @@
 from .channel import check_shaft_torque as check_shaft_torque
 from .gap_laws import (
-    BothLaws as BothLaws,
-    both_laws as both_laws,
-    both_laws_from as both_laws_from,
+    GapLaws as GapLaws,
     dead_stretch_details as dead_stretch_details,
+    fit_gap_laws as fit_gap_laws,
+    fit_gap_laws_from as fit_gap_laws_from,
     gap_law_findings as gap_law_findings,
 )
 from .sides import (

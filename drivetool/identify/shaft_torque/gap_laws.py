@@ -1,8 +1,8 @@
-"""Both published laws of a gap with damping, where a shaft torque was measured: which one the record supports.
+"""The published laws of a gap with damping: which one the record supports.
 
-"inside": the damping belongs to the contact, which then never pulls. "always": it acts in the gap too. Across many
-passages a fit converges only from near the optimum: half gap and damping start from the dead stretches of the shaft
-torque.
+"inside": the damping belongs to the contact, which then never pulls. "always": it acts in the gap too. "contact":
+as "inside", but the shaft relaxes in the gap. Across many passages a fit converges only from near the optimum: half
+gap and damping start from the dead stretches of the shaft torque, where one was measured.
 """
 
 from __future__ import annotations
@@ -17,6 +17,7 @@ from drivetool.drive import DampingLaw, is_constant
 from drivetool.errors import DriveToolError
 from drivetool.finding import Finding
 from drivetool.identify.noise import (
+    ABANDON_EXCESS,
     MAX_REPEATED_FITS,
     Noise,
     fit_innovations,
@@ -40,8 +41,8 @@ LAW_DESCRIPTIONS = {"inside": "the damping acts in contact only",
 
 
 @dataclass(frozen=True)
-class BothLaws:
-    """Fits of both laws: the better outcome, the outcome of each law, and the dead stretches, if any."""
+class GapLaws:
+    """Fits of each law: the outcome to report, the outcome of each law, and the dead stretches, if any."""
 
     outcome: Outcome
     each: Mapping[str, Outcome]
@@ -49,14 +50,25 @@ class BothLaws:
 
     @property
     def lead(self) -> float:
-        """Log likelihood of the outcome's law over the other, below zero if it is behind; infinite without one."""
+        """Log likelihood of the outcome's law over the best other, negative if behind; infinite without one."""
         others = [o.fit.value for law, o in self.each.items()
                   if law != self.outcome.drive.damping_law]
         return min(others) - self.outcome.fit.value if others else float("inf")
 
+    @property
+    def tied(self) -> list[str]:
+        """Laws that the record does not distinguish from the likeliest one that converged."""
+        best = min(o.fit.value for o in self.each.values() if o.converged)
+        return [law for law, o in self.each.items() if o.fit.value <= best + MIN_LAW_LEAD]
 
-def both_laws(task: Task, options: Options) -> BothLaws | None:
-    """The fits of both laws from the dead stretches; None: there are none, or no fit converged.
+    def with_own(self, law: str) -> GapLaws:
+        """With the outcome of a law that converged, if the record does not distinguish it from the likeliest."""
+        kept = law in self.tied and self.each[law].converged
+        return replace(self, outcome=self.each[law]) if kept else self
+
+
+def fit_gap_laws(task: Task, options: Options) -> GapLaws | None:
+    """The fits of each law from the dead stretches; None: there are none, or no fit converged.
 
     The shaft damping is freed with the gap, unless holding it was requested: with the gap closed another one acts.
     So are values with a standard deviation: over many passages an error of one per cent biases the gap.
@@ -74,29 +86,26 @@ def both_laws(task: Task, options: Options) -> BothLaws | None:
     names = {name_of(shaft, "half_gap"), name_of(shaft, "damping")} - set(options.hold)
     with_prior = [] if options.known is None else [
         n for n in options.known.names if n in task.drive.values and n not in options.hold and not is_constant(n)]
-    each: dict[str, Outcome] = {}
+    free, each = (*task.free, *with_prior), {}
     for law in get_args(DampingLaw):
-        if law == "contact":  # from where its neighbour ended: both differ in the gap alone
-            near = each.get("inside")
-            starts = [] if near is None else [replace(near.fitted, drive=replace(near.fitted.drive, damping_law=law))]
-        else:
-            starts = [start for one in seen for start in _law_starts(task, shaft, law, one, names)]
-        if (found := _fit_of_law(starts, (*task.free, *with_prior), names)) is not None:
+        near = _fit_from_neighbour(each) if law == "contact" else None
+        others = seen if near is None else seen[:1]
+        if near is not None and min(o.fit.value for o in each.values()) < near.fit.value - MIN_LAW_LEAD:
+            others = []  # it is behind: it needs no other start that confirms it
+        starts = [start for one in others for start in _law_starts(task, shaft, law, one, names)]
+        if (found := _fit_of_law(starts, free, names, near)) is not None:
             each[law] = found
     converged = [o for o in each.values() if o.converged]
     if not converged:
         return None
-    best = min(converged, key=lambda o: o.fit.value)
-    own = each.get(task.drive.damping_law)
-    both = BothLaws(best, each, seen[0])
-    # Where the record does not distinguish the laws, that of the file stays, if its fit converged.
-    return replace(both, outcome=own) if own is not None and own.converged and both.lead <= MIN_LAW_LEAD else both
+    # Where the record does not distinguish the laws, that of the file stays.
+    return GapLaws(min(converged, key=lambda o: o.fit.value), each, seen[0]).with_own(task.drive.damping_law)
 
 
-def both_laws_from(outcome: Outcome, options: Options) -> BothLaws | None:
-    """The fits of both laws from the optimum of one, where the motor alone was measured.
+def fit_gap_laws_from(outcome: Outcome, options: Options) -> GapLaws | None:
+    """The fits of each law from the optimum of one, where the motor alone was measured.
 
-    The shaft damping is free in both, unless holding it was requested. None: no single gap that was fitted, no
+    The shaft damping is free in all, unless holding it was requested. None: no single gap that was fitted, no
     damping, or a fit that did not converge.
 
     outcome  of the drive's own law, whatever was free
@@ -112,15 +121,22 @@ def both_laws_from(outcome: Outcome, options: Options) -> BothLaws | None:
     each: dict[str, Outcome] = {}
     for law in get_args(DampingLaw):
         start = replace(freed, drive=replace(task.drive, damping_law=law))
-        if (found := _fit_or_none(start, MAX_REPEATED_FITS, outcome.fit.noise)) is not None and found.converged:
+        found = (_fit_from_neighbour(each) if law == "contact" and "inside" in each else
+                 _fit_or_none(start, MAX_REPEATED_FITS, outcome.fit.noise))
+        if found is not None and found.converged:
             each[law] = found
     own = task.drive.damping_law
     if own not in each:
         return None
-    best = min(each.values(), key=lambda o: o.fit.value)
-    both = BothLaws(best, each, None)
     # Where the record does not distinguish the laws, or damping does not matter, the fit that was made stays.
-    return both if best.drive.damping_law != own and both.lead > MIN_LAW_LEAD else replace(both, outcome=each[own])
+    return GapLaws(min(each.values(), key=lambda o: o.fit.value), each, None).with_own(own)
+
+
+def _fit_from_neighbour(each: Mapping[str, Outcome]) -> Outcome | None:
+    """The fit of the law "contact" from where "inside" ended: they differ in the gap alone."""
+    inside = each.get("inside")
+    return inside and _fit_or_none(replace(inside.fitted, drive=replace(inside.drive, damping_law="contact")),
+                                   MAX_REPEATED_FITS, inside.fit.noise, min(o.fit.value for o in each.values()))
 
 
 def _law_starts(task: Task, shaft: str, law: DampingLaw, seen: Crossings, names: set[str]) -> list[Task]:
@@ -133,28 +149,33 @@ def _law_starts(task: Task, shaft: str, law: DampingLaw, seen: Crossings, names:
     return [start.at({name: v}) for v in dict.fromkeys(values)] if name in names and values else [start]
 
 
-def _fit_of_law(starts: Sequence[Task], free: tuple[str, ...], names: set[str]) -> Outcome | None:
-    """The fit of one law: gap and damping from every start, then all that is free from the likeliest ends."""
+def _fit_of_law(starts: Sequence[Task], free: tuple[str, ...], names: set[str],
+                near: Outcome | None = None) -> Outcome | None:
+    """The fit of one law: gap and damping from every start, then all that is free from the likeliest ends.
+
+    near  a fit of all that is free, one more
+    """
     first = [o for start in starts if (o := _fit_or_none(start.with_free(names), 0)) is not None]
     if not first:
-        return None
+        return near
     best = min(o.fit.value for o in first)
     found = [_fit_or_none(o.fitted.with_free({*names, *free}), MAX_REPEATED_FITS, o.fit.noise)
              for o in first if o.fit.value < best + MAX_GAP_START_LOSS]
-    return _likeliest_with_starts([o for o in found if o is not None])
+    return _likeliest_with_starts([o for o in (near, *found) if o is not None])
 
 
-def _fit_or_none(task: Task, repeats: int, noise: Noise | None = None) -> Outcome | None:
+def _fit_or_none(task: Task, repeats: int, noise: Noise | None = None, wanted: float = np.inf) -> Outcome | None:
     """A fit from the task's values; None where it fails.
 
-    more  fits, each from the end of the one before, until one converges
+    repeats  fits, each from the end of the one before, until one converges
+    wanted   -log likelihood to be reached: a fit far above it after a few rounds is given up
     """
     try:
         problem = task.problem()
         point = first_point(task.drive, problem, task.roles)
         fit = fit_innovations(problem, point, noise or fit_ratio(problem, point, Noise(1.0, None, problem.scale)),
-                              near_optimum=noise is not None)
-        if repeats:
+                              near_optimum=noise is not None, wanted=wanted)
+        if repeats and fit.value < wanted + ABANDON_EXCESS:
             fit = refit_with_tight_tolerance(problem, until_converged(problem, fit, repeats))
     except (DriveToolError, np.linalg.LinAlgError):
         return None
@@ -174,64 +195,65 @@ def _likeliest_with_starts(found: Sequence[Outcome]) -> Outcome | None:
     return replace(best, starts=starts)
 
 
-def gap_law_finding(both: BothLaws, shaft: str, converged: bool = True) -> Finding:
-    """Which law the record supports, with both results; converged: whether the reported fit converged."""
+def gap_law_finding(laws: GapLaws, shaft: str, converged: bool = True) -> Finding:
+    """Which law the record supports, with the results of each; converged: whether the reported fit converged."""
     evidence: dict[str, float] = {}
-    drive = both.outcome.drive
+    drive = laws.outcome.drive
     units = [drive.unit(name_of(shaft, n)) for n in ("half_gap", "damping")]
-    for law, o in both.each.items():
+    for law, o in laws.each.items():
         evidence |= {f"half_gap_{law}": o.drive.values[name_of(shaft, "half_gap")],
                      f"damping_{law}": o.drive.value(name_of(shaft, "damping")) or 0.0}
     law = drive.damping_law
     sizes = ", ".join(f"{name}: half gap {evidence[f'half_gap_{name}']:.4g} {units[0]}, damping "
                       f"{evidence[f'damping_{name}']:.3g} {units[1]}{'' if o.converged else ', not converged'}"
-                      for name, o in both.each.items())
-    if both.lead == float("inf"):
+                      for name, o in laws.each.items())
+    if laws.lead == float("inf"):
         return Finding(
             "note", "gap-law",
             f"Only one law could be fitted to this record: {LAW_DESCRIPTIONS[law]} ({sizes}).", evidence,
             "Record more passages through the gap.")
-    if not converged:
+    # The shaft torque by "contact" has steps, which lie before or behind a sample: many optima stand side by side,
+    # and no second start may reach the same. The law is seen nevertheless.
+    if not converged and not (law == "contact" and laws.outcome.converged):
         return Finding(
             "note", "gap-law",
             f"The damping law of the gap is not identifiable: the fit did not converge ({sizes}).",
             evidence, "Give better start values with --set, or record more passages through the gap.")
-    if both.lead <= MIN_LAW_LEAD:
-        best = min(o.fit.value for o in both.each.values())
-        tied = [LAW_DESCRIPTIONS[name] for name, o in both.each.items() if o.fit.value <= best + MIN_LAW_LEAD]
+    if laws.lead <= MIN_LAW_LEAD:
+        tied = " or ".join(LAW_DESCRIPTIONS[name] for name in laws.tied)
         return Finding(
-            "note", "gap-law", f"This record does not distinguish whether {' or '.join(tied)} ({sizes}).",
-            {**evidence, "log_likelihood_lead": both.lead},
+            "note", "gap-law", f"This record does not distinguish whether {tied} ({sizes}).",
+            {**evidence, "log_likelihood_lead": laws.lead},
             "Record more passages through the gap, slow ones too: damping in the gap has its largest effect "
             "there.")
     return Finding(
         "note", "gap-law",
         f"This record supports one law: {LAW_DESCRIPTIONS[law]} (damping_law: {law}). Its log likelihood is higher "
-        f"by {both.lead:.0f} ({sizes}).", {**evidence, "log_likelihood_lead": both.lead},
+        f"by {laws.lead:.0f} ({sizes}).", {**evidence, "log_likelihood_lead": laws.lead},
         "Keep damping_law in the parameter file.")
 
 
-def gap_law_findings(both: BothLaws | None, outcome: Outcome, free: Sequence[str],
+def gap_law_findings(laws: GapLaws | None, outcome: Outcome, free: Sequence[str],
                      converged: bool, opens: bool = True) -> list[Finding]:
     """Which law it is, and what was fitted besides the request.
 
     converged  whether the outcome converged; opens: whether the gap is above zero, else it has no law
     """
-    if both is None:
+    if laws is None:
         return []
     more = [n for n in outcome.task.free if n not in free]
-    if both.seen is None and name_of(outcome.drive.shafts[0], "damping") not in more:  # the fit is as requested
+    if laws.seen is None and name_of(outcome.drive.shafts[0], "damping") not in more:  # the fit is as requested
         more = []
-    law = [gap_law_finding(both, outcome.drive.shafts[0], converged)] if opens else []
+    law = [gap_law_finding(laws, outcome.drive.shafts[0], converged)] if opens else []
     return [*law, *([] if not more else [Finding(
         "note", "gap-refit",
         f"{', '.join(more)} were fitted jointly with the half gap. Over many passages, errors of one per cent in "
         "held values would bias it.", {"values": len(more)}, "Hold accurately known values with --hold.")])]
 
 
-def dead_stretch_details(both: BothLaws) -> dict[str, object]:
+def dead_stretch_details(laws: GapLaws) -> dict[str, object]:
     """The estimates from the dead stretches, for comparison with the fit."""
-    if both.seen is None:
+    if laws.seen is None:
         return {}
-    return {"dead_stretches": {"half_gap": both.seen.half_gap, "spread": both.seen.spread,
-                               "damping_in_gap": both.seen.open, "crossings": both.seen.count}}
+    return {"dead_stretches": {"half_gap": laws.seen.half_gap, "spread": laws.seen.spread,
+                               "damping_in_gap": laws.seen.open, "crossings": laws.seen.count}}

@@ -129,7 +129,7 @@ def _simulate_in_chunks(plant: Plant, inputs: np.ndarray, state: np.ndarray, ste
     parts = []
     while count > 0:
         _, states = simulate_loop(plant, np.tile(inputs, (min(CHUNK_SAMPLES, count) + 1, 1)), state, step)
-        parts.append(states[:-1] @ rows.T)
+        parts.append(states[:-1, :rows.shape[1]] @ rows.T)
         state, count = states[-1], count - CHUNK_SAMPLES
     return np.concatenate(parts), state
 

@@ -31,37 +31,45 @@ def has_gap(drive: Drive) -> bool:
 def closed_loop(loop: Loop, settings: Settings, step: float, outputs: Sequence[str] = ()) -> Plant:
     """The simulation model of the loop, with speed reference and load torque as inputs.
 
-    outputs  roles of the drive; the states are always returned: speeds, twists, controller. The
-             measured shaft torque of a mimo loop is that of a closed contact
+    outputs  roles of the drive; the states are always returned: speeds, twists, controller, and elastic twists of
+             gaps in which the shaft relaxes. The measured shaft torque of a mimo loop is that of a closed contact
     step     sample interval of the inputs [s]
     """
     plain = Assembly(chain_alone(loop.drive),
                      Layout((), (MOTOR_TORQUE, "load_torque"), tuple(outputs), step, gradient=False)).system()
-    nm, n = plain.nx, len(loop.a)
+    chain = mechanics(loop.drive, loop.wiring)[0]
+    nm, n = len(chain), len(loop.a)
+    nx = n + plain.nx - nm
+    place = np.r_[:nm, n:nx]  # of the states of the drive
     closed = loop.matrix(settings)
     control = closed[:nm].copy()
-    control[:, :nm] -= mechanics(loop.drive, loop.wiring)[0]
-    mass = np.vstack([plain.mass, np.ones((n - nm, 1))])
-    rows = np.zeros((n, n + 3, 1))
-    rows[:nm, :nm, 0] = plain.rows[:, :nm, 0]
-    rows[:nm, n + LOAD_COLUMN] = plain.rows[:, nm + 1]
-    rows[:nm, n + 2] = plain.rows[:, nm + 2]
-    rows[:nm, :n, 0] += control * plain.mass
-    rows[nm:, :n, 0] = closed[nm:]
-    rows[:, n + REFERENCE_COLUMN, 0] = loop.reference(settings) * mass[:, 0]
-    spring, open_guard = np.zeros((plain.ng, n, 1)), np.zeros((plain.ng, n, 1))
-    spring[:, :nm], open_guard[:, :nm] = plain.spring, plain.open_guard
-    read = np.zeros((plain.ny, n, 1))
-    read[:, :nm] = plain.outputs
-    return Plant(plain._replace(rows=rows, mass=mass, spring=spring, open_guard=open_guard, outputs=read, memory=np.ones(n), nx=n, nu=2,
-                                ns=n, plain=n))
+    control[:, :nm] -= chain
+    mass = np.ones((nx, 1))
+    mass[place] = plain.mass
+    rows = np.zeros((nx, nx + 3, 1))
+    rows[place[:, None], place] = plain.rows[:, :plain.nx]
+    rows[place, nx + LOAD_COLUMN] = plain.rows[:, plain.nx + 1]
+    rows[place, nx + 2] = plain.rows[:, plain.nx + 2]
+    rows[:nm, :n, 0] += control * mass[:nm]
+    rows[nm:n, :n, 0] = closed[nm:]
+    rows[:n, nx + REFERENCE_COLUMN, 0] = loop.reference(settings) * mass[:n, 0]
+    spring, open_guard = np.zeros((plain.ng, nx, 1)), np.zeros((plain.ng, nx, 1))
+    spring[:, place], open_guard[:, place] = plain.spring, plain.open_guard
+    read = np.zeros((plain.ny, nx, 1))
+    read[:, place] = plain.outputs
+    relaxing = np.where(plain.relaxing < nm, plain.relaxing, plain.relaxing + n - nm)
+    return Plant(plain._replace(rows=rows, mass=mass, spring=spring, open_guard=open_guard, relaxing=relaxing,
+                                outputs=read, memory=np.ones(nx), nx=nx, nu=2, ns=nx, plain=nx))
 
 
 def simulate_loop(plant: Plant, inputs: np.ndarray, start: np.ndarray, step: float) -> tuple[np.ndarray,
                                                                                              np.ndarray]:
-    """(outputs (n, ny), states (n, nx)) from a start state under reference and load torque (n, 2)."""
+    """(outputs (n, ny), states (n, nx)) from a start state under reference and load torque (n, 2).
+
+    start  (nx,), or without elastic twists, which are then relaxed
+    """
     trace = Trace(np.ascontiguousarray(inputs, float), np.full((len(inputs), plant.system.ny), np.nan), step)
-    out, states, _ = plant.simulate(trace, start, keep=True)
+    out, states, _ = plant.simulate(trace, np.pad(start, (0, plant.nx - len(start))), keep=True)
     return out, states
 
 

@@ -88,7 +88,7 @@ def _simulate_signals(loop: Loop, settings: Settings, inputs: np.ndarray, start:
     parts = max(1, int(np.ceil(step * fastest / 0.3)))
     plant = closed_loop(loop, settings, step / parts)
     _, states = simulate_loop(plant, np.repeat(inputs, parts, axis=0), start, step / parts)
-    states = states[::parts]
+    states = states[::parts, :len(start)]
     if experiment.torque_is == "command":
         command = loop.command_rows(loop.wiring.motors[0], *settings.columns)[0]
         torque = states @ command + settings.gain * inputs[:, 0]
