@@ -59,17 +59,19 @@ def torque_of(values, free=()):
 
 
 def test_every_effect_on_a_body_is_here():
-    """But for a scale of the torque, a clamp, which is no torque of a body that moves, and laws with states."""
-    others = {"torque-constant", "clamp", *(e.code for e in EFFECTS if e.has_states)}
+    """But for a scale or loss of the torque, a clamp, which is no torque of a body that moves, laws with states."""
+    others = {"torque-constant", "clamp", "transmission-loss", *(e.code for e in EFFECTS if e.has_states)}
     assert {e.code for e in EFFECTS if e.of == "body"} - others == set(LAWS)
 
 
-@pytest.mark.parametrize("effect", [e for e in EFFECTS if e.has_states and e.of != "shaft"],
+@pytest.mark.parametrize("effect", [e for e in EFFECTS
+                                    if (e.has_states and e.of != "shaft") or e.code == "transmission-loss"],
                          ids=lambda e: e.code)
-def test_a_law_with_a_state_is_refused_by_name(effect):
+def test_a_law_with_a_state_or_a_loss_is_refused_by_name(effect):
     owner = {"path": "converter", "sensor": "sensor"}.get(effect.of, "motor")
     name = f"{owner}.{effect.present[0]}"
-    for given, free in ((START.with_values({name: 90.0}), ()), (START, (name,))):
+    value = min(90.0, START.quantity(name).bounds[1])
+    for given, free in ((START.with_values({name: value}), ()), (START, (name,))):
         with pytest.raises(BadOption, match=re.escape(name)):
             check_no_signal_path(given, free)
 

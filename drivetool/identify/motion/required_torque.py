@@ -11,6 +11,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from drivetool.drive import Assembly, Drive, Law, Layout, is_constant
+from drivetool.drive.effects import transmission_loss
 from drivetool.errors import BadOption
 from drivetool.identify.motion.motion import Motion
 from drivetool.quantity import name_of, owner_of
@@ -48,17 +49,18 @@ def first_body(drive: Drive) -> Drive:
 
 
 def check_no_signal_path(drive: Drive, free: Sequence[str]) -> None:
-    """Raise BadOption where a path lies between the log and the body, or where a law of a body has a state.
+    """Raise BadOption where a path or a loss lies between the log and the first body, or its law has a state.
 
-    That of a gap may have one: the chain behind the motor is simulated.
+    That of a gap may have one: the chain behind the motor is simulated, with the loss of its transmissions.
     """
     with_states = (name_of(owner, suffix) for effect, owner, _ in drive.effects()
                    if effect.has_states and effect.of != "shaft" for suffix in effect.present)
-    acting = [n for n in (DEAD_TIME, *with_states) if n in free or drive.value(n) != drive.quantity(n).neutral]
+    losses = (name_of(drive.bodies[0], suffix) for suffix in transmission_loss.EFFECT.present)
+    acting = [n for n in (DEAD_TIME, *with_states, *losses) if n in free or drive.value(n) != drive.quantity(n).neutral]
     acting += [n for n in drive.values if is_constant(n)]  # not the constant that made the torque
     if acting:
-        raise BadOption("torque and motion without delay, filter or torque constant between them, and laws without "
-                        "states, for --criterion inverse", ", ".join(acting),
+        raise BadOption("torque and motion without delay, filter, loss or torque constant between them, and laws "
+                        "without states, for --criterion inverse", ", ".join(acting),
                         "Leave --criterion out: a simulation models them.")
 
 
