@@ -62,7 +62,7 @@ def test_the_law_of_the_machine_is_named_and_its_gap_found(law):
     estimate = backlash(task.experiments, drive, Options())
     lines = {p.name: p for p in estimate.parameters}
     (finding,) = [f for f in estimate.findings if f.code == "gap-law"]
-    assert estimate.drive.damping_law == law and finding.evidence["log_likelihood_lead"] > 1000.0
+    assert estimate.drive.damping_law == law and finding.evidence["log_likelihood_lead"] > 100.0
     for name, true in (("shaft.half_gap", 0.156), ("shaft.damping", 0.863)):
         assert abs(lines[name].value - true) < 3.0 * lines[name].std, name
     assert lines["shaft.half_gap"].std < 1e-3 * 0.156
@@ -95,6 +95,25 @@ def test_a_half_gap_that_is_held_is_not_looked_for():
 
 
 @pytest.mark.slow
+def test_the_tie_is_of_those_that_tie_and_the_law_of_the_file_stays_among_them():
+    laws = fit_gap_laws(task_of(rig("heavy", "always", 0.863), damping=0.5), Options())
+
+    def with_values(**values):
+        each = {law: replace(o, converged=True, fit=replace(o.fit, value=values[law]))
+                for law, o in laws.each.items()}
+        best = min(each.values(), key=lambda o: o.fit.value)
+        return replace(laws, outcome=best, each=each)
+    near = with_values(inside=100.0, always=3.0, contact=0.0)
+    assert near.tied == ["always", "contact"] and near.lead == 3.0
+    text = gap_law_finding(near, "shaft").text
+    assert "contact and in the gap or the damping acts in contact only and the shaft relaxes" in text
+    assert near.with_own("always").outcome.drive.damping_law == "always" and near.with_own("always").lead == -3.0
+    assert near.with_own("inside").outcome.drive.damping_law == "contact"
+    clear = with_values(inside=100.0, always=30.0, contact=0.0)
+    assert clear.lead == 30.0 and "supports one law" in gap_law_finding(clear.with_own("always"), "shaft").text
+
+
+@pytest.mark.slow
 def test_a_law_whose_rival_has_no_fit_is_not_named():
     both = fit_gap_laws(task_of(rig("heavy", "always", 0.863), damping=0.5), Options())
     found = gap_law_finding(replace(both, each={"always": both.outcome}), "shaft")
@@ -113,10 +132,14 @@ def test_where_the_damping_is_held_it_stays():
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("own", ["inside", "always"])
-@pytest.mark.parametrize("law", ["inside", "always"])
+@pytest.mark.parametrize(("law", "own"), [(law, own) for law in ("inside", "always", "contact")
+                                         for own in ("inside", "always", "contact")
+                                         if (law, own) != ("always", "contact")])
 def test_the_law_is_named_where_the_motor_alone_is_measured(law, own):
-    """The drive is described by either law; gap and damping come out by the machine's."""
+    """The drive is described by any law; gap and damping come out by the machine's.
+
+    From "contact" the fit of a machine by "always" does not converge, and no law is stated.
+    """
     machine = rig("heavy", law, 2.01)
     task = task_of(machine, 6, roles=ROLES[:2])
     drive = replace(task.drive, damping_law=own, values=task.drive.values | {"shaft.half_gap": 0.1})
