@@ -192,7 +192,7 @@ def test_a_text_that_is_not_that_of_the_sources_is_not_used(tmp_path, monkeypatc
 @pytest.mark.slow
 def test_without_the_text_numba_makes_it(place, monkeypatch, tmp_path):
     copy = shutil.copytree(SOURCES.parent, tmp_path / "drivetool",
-                           ignore=shutil.ignore_patterns("*.zst", "__pycache__"))
+                           ignore=shutil.ignore_patterns("*.xz", "__pycache__"))
     done = subprocess.run(
         [sys.executable, "-m", f"{machine_code.KERNEL}.build", str(os.getpid()), str(place),
          f"events.{SMALL_UNIT}"],

@@ -8,21 +8,19 @@ from __future__ import annotations
 
 import hashlib
 import importlib.util
+import json
+import lzma
 import re
 from collections.abc import Mapping
 from functools import cache
 from pathlib import Path
 
-import msgspec
-import zstandard
-
 # The compiled sources are below this folder.
 SOURCES = Path(importlib.util.find_spec("drivetool.drive").submodule_search_locations[0])
 # Each archive is decompressed as a whole: one for drives without smooth laws, one for the others.
-ARCHIVES = ("kernel.zst", "laws.zst")
+ARCHIVES = ("kernel.xz", "laws.xz")
 # Docstrings, comments and blank lines.
 NO_CODE = re.compile(r'^\s*(?:"""(?:.|\n)*?"""|#.*)?$\n?', re.MULTILINE)
-LEVEL, WINDOW_LOG = 19, 27  # parts repeat each other, megabytes apart
 
 
 @cache
@@ -48,15 +46,13 @@ def text_of(part: str) -> str | None:
 def archive(file: Path) -> Mapping[str, str]:
     """Part -> text of an intact archive of these sources, else empty."""
     try:
-        content = zstandard.ZstdDecompressor(max_window_size=1 << WINDOW_LOG).decompress(file.read_bytes())
-        digest, texts = msgspec.msgpack.decode(content, type=tuple[str, dict[str, str]])
-    except (OSError, zstandard.ZstdError, msgspec.DecodeError):
+        digest, texts = json.loads(lzma.decompress(file.read_bytes()))
+    except (OSError, EOFError, lzma.LZMAError, ValueError):
         return {}
     return texts if digest == source_digest() else {}
 
 
 def write_archive(file: Path, texts: Mapping[str, str]) -> None:
     """Store the texts of parts, in their order."""
-    parameters = zstandard.ZstdCompressionParameters.from_level(LEVEL, window_log=WINDOW_LOG, enable_ldm=True)
-    content = msgspec.msgpack.encode((source_digest(), dict(texts)))
-    file.write_bytes(zstandard.ZstdCompressor(compression_params=parameters).compress(content))
+    content = json.dumps((source_digest(), dict(texts))).encode()
+    file.write_bytes(lzma.compress(content, preset=9 | lzma.PRESET_EXTREME))

@@ -55,8 +55,9 @@ def check_no_signal_path(drive: Drive, free: Sequence[str]) -> None:
     """
     with_states = (name_of(owner, suffix) for effect, owner, _ in drive.effects()
                    if effect.has_states and effect.of != "shaft" for suffix in effect.present)
-    losses = (name_of(drive.bodies[0], suffix) for suffix in transmission_loss.EFFECT.present)
-    acting = [n for n in (DEAD_TIME, *with_states, *losses) if n in free or drive.value(n) != drive.quantity(n).neutral]
+    losses = [name_of(drive.bodies[0], suffix) for suffix in transmission_loss.EFFECT.present]
+    path = (DEAD_TIME, *with_states, *losses)
+    acting = [n for n in path if n in free or drive.value(n) != drive.quantity(n).neutral]
     acting += [n for n in drive.values if is_constant(n)]  # not the constant that made the torque
     if acting:
         raise BadOption("torque and motion without delay, filter, loss or torque constant between them, and laws "

@@ -89,8 +89,8 @@ def fit_gap_laws(task: Task, options: Options) -> GapLaws | None:
     free, each = (*task.free, *with_prior), {}
     for law in get_args(DampingLaw):
         near = _fit_from_neighbour(each) if law == "contact" else None
-        others = seen if near is None else seen[:1]
-        if near is not None and min(o.fit.value for o in each.values()) < near.fit.value - MIN_LAW_LEAD:
+        others = seen if near is None or not near.converged else seen[:1]
+        if others != seen and min(o.fit.value for o in each.values()) < near.fit.value - MIN_LAW_LEAD:
             others = []  # it is behind: it needs no other start that confirms it
         starts = [start for one in others for start in _law_starts(task, shaft, law, one, names)]
         if (found := _fit_of_law(starts, free, names, near)) is not None:
