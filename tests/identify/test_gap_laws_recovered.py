@@ -47,9 +47,9 @@ def interval(k, n, confidence):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("law", LAWS)
-def test_the_law_of_the_machine_is_named(law):
-    said, errors = found_in(FIRST_SEED, law)
+def test_the_law_of_a_machine_whose_shaft_relaxes_is_named():
+    """Those of the other two are named in tests/identify/test_gap_laws.py."""
+    said, errors = found_in(FIRST_SEED, "contact")
     assert said == "right" and errors.max() < 4.0
 
 
