@@ -256,8 +256,6 @@ def _with_covariance(problem: Prediction, solution: Solution) -> PemFit:
     Where the errors are not white, an output-error model is still unbiased in open loop, but the inverse
     of its information is no covariance: the colour of the errors enters it.
     """
-    from scipy.stats import chi2
-
     point, k = solution.point, len(problem.names)
     errors, derivatives = zip(*(problem.jacobian(point.values, s, d)
                                 for s, d in zip(point.starts, problem.stretches, strict=True)), strict=True)
@@ -268,7 +266,7 @@ def _with_covariance(problem: Prediction, solution: Solution) -> PemFit:
     r = np.array([sum(x[: len(x) - j] @ x[j:] for x in errors) for j in range(1, lags + 1)])
     r /= max(float(e @ e), 1e-300)  # zero where the model repeats the output to the last digit
     statistic = len(e) * float(np.sum(r**2))
-    p = float(chi2.sf(statistic, max(lags - problem.structure.noise_parameters, 1)))
+    p = float(scipy.stats.chi2.sf(statistic, max(lags - problem.structure.noise_parameters, 1)))
     white = p > 1e-3
     ar, whitened_variance = (np.ones(1), variance) if white else _whitener(problem, point.values, errors, degrees)
     total, inner = np.zeros((k, k)), np.zeros((k, k))
