@@ -46,7 +46,7 @@ def refit_on_body(model: Model, name: str, other: str, power: int, masks: Masks)
     here, there = (gear_ratio(model, owner_of(n)) for n in (name, other))
     values = {n: v for n, v in task.drive.values.items() if n != name}
     drive = replace(task.drive, values=values | {other: task.drive.value(name) * (there / here) ** power})
-    task = replace(task, drive=drive, free=tuple(n for n in drive.quantities if n in {*task.free, other} - {name}))
+    task = replace(task, drive=drive).with_free({*task.free, other} - {name})
     return fit(on_task(model, task), masks)
 
 

@@ -11,7 +11,7 @@ import scipy
 from drivetool.errors import NotEnoughData
 from drivetool.identify.polynomial.pem_model import Prediction, Stretch, Structure, _delayed_columns
 from drivetool.identify.polynomial.pem_restricted import restricted_shift
-from drivetool.identify.problem import MIN_SPARE_SAMPLES, Point, Solution, solve
+from drivetool.identify.problem import MIN_SPARE_SAMPLES, Point, Solution, nonzero_scale, solve
 
 MAX_DESCENT_ITERATIONS = 100  # iterations of a descent, a choice that bounds the time
 MAX_INSTRUMENTAL_ROUNDS = 8  # of the instrumental-variable start, at most, a choice that bounds the time
@@ -226,8 +226,7 @@ def _instrumental_round(stretches, s: Structure, values: np.ndarray, f: slice, b
         phi, target = phi - q @ (q.T @ phi), target - q @ (q.T @ target)
         lhs, rhs = lhs + z.T @ phi, rhs + z.T @ target
         tails.append(q)
-    size = np.sqrt(np.abs(np.diag(lhs)))
-    size[size == 0.0] = 1.0
+    size = nonzero_scale(np.sqrt(np.abs(np.diag(lhs))))
     found = np.linalg.lstsq(lhs / np.outer(size, size), rhs / size, rcond=1e-14)[0] / size
     values = np.zeros_like(values)
     values[f], values[b] = found[: s.order], found[s.order:]
