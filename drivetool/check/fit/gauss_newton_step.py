@@ -24,7 +24,7 @@ def linear_step(problem: Problem, normal: Normal, moving: np.ndarray) -> tuple[n
     size = np.sqrt(np.diag(matrix)[i])
     inverse, lost = inverted(matrix[np.ix_(i, i)] / np.outer(size, size), MIN_EIGENVALUE_SHARE)
     step[i] = -(inverse @ (slope[i] / size)) / size
-    variance = problem.variance(normal.cost)
+    variance = normal.cost / max(problem.count - problem.unknowns, 1)
     std[i] = np.where(lost, np.inf, np.sqrt(variance * np.maximum(np.diag(inverse), 0.0)) / size)
     return step, std, float(-0.5 * slope @ step / variance)
 
@@ -42,7 +42,7 @@ def amplitude_std(problem: Problem, normal: Normal, own: np.ndarray, rest: np.nd
     unit = matrix / np.outer(size, size)
     inverse, _ = inverted(unit[np.ix_(j, j)], MIN_EIGENVALUE_SHARE)
     unexplained = 1.0 - np.sum((unit[np.ix_(i, j)] @ inverse) * unit[np.ix_(i, j)], axis=1)
-    variance = problem.variance(normal.cost)
+    variance = normal.cost / max(problem.count - problem.unknowns, 1)
     identifiable = unexplained > MIN_UNEXPLAINED_SHARE
     std[i[identifiable]] = np.sqrt(variance / unexplained[identifiable]) / size[i[identifiable]]
     return std
