@@ -5,6 +5,7 @@ from .experiment import (
     Source as Source,
     display_name as display_name,
     group_by_rate as group_by_rate,
+    natural_order as natural_order,
     number_duplicates as number_duplicates,
     parts_at_all_rates as parts_at_all_rates,
     recording_number as recording_number,

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections import Counter
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
@@ -227,6 +228,11 @@ def refuse_copies(experiments: Sequence[Experiment]) -> None:
 def display_name(path: Path) -> str:
     """What results and messages call a recording: its path as given; of an absolute one, the file's name alone."""
     return path.name if path.is_absolute() else path.as_posix()
+
+
+def natural_order(path: Path) -> list[tuple[int, str]]:
+    """part-2 before part-10."""
+    return [(int(each), "") if each.isdigit() else (-1, each) for each in re.split(r"(\d+)", str(path))]
 
 
 def recording_number(sha256: str) -> int:

@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Callable, Iterator, Mapping, Sequence
-from contextlib import closing, contextmanager
+from collections.abc import Callable, Mapping, Sequence
+from contextlib import AbstractContextManager, closing
 from pathlib import Path
 
 from drivetool.errors import BadOption
@@ -179,18 +179,11 @@ def _has_content(path: Path, content: str | bytes) -> bool:
         return False
 
 
-@contextmanager
-def _executor_of(request: BatchRequest, limits: Limits, runner: Runner) -> Iterator[Executor]:
+def _executor_of(request: BatchRequest, limits: Limits, runner: Runner) -> AbstractContextManager[Executor]:
     """The pool of this machine, or the cluster; closed in any case."""
     if request.scheduler is not None:
-        with cluster(request.scheduler, limits, runner) as remote:
-            yield remote
-        return
-    pool = Pool(request.workers or _available_cores(), limits, runner)
-    try:
-        yield pool
-    finally:
-        pool.close()
+        return cluster(request.scheduler, limits, runner)
+    return closing(Pool(request.workers or _available_cores(), limits, runner))
 
 
 def _available_cores() -> int:

@@ -104,8 +104,7 @@ def _in_order(model: Model) -> Model:
         return f"{news[step]}_{what}" if step in news else name
 
     drive = replace(task.drive, values={renamed(n): v for n, v in task.drive.values.items()})
-    free = {renamed(n) for n in task.free}
-    return on_task(model, replace(task, drive=drive, free=tuple(n for n in drive.quantities if n in free)))
+    return on_task(model, replace(task, drive=drive).with_free({renamed(n) for n in task.free}))
 
 
 CAUSES = (Cause(

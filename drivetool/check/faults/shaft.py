@@ -167,7 +167,7 @@ def _parameter_deviations(model: Model) -> list[tuple[np.ndarray, float]]:
     problem, normal = model.problem, filtered_normal_equations(model.problem, model.point, model.noise)
     matrix, _, _ = schur(normal)
     prior_std = np.array([_sum_over_bodies(name, model) for name in model.task.free])
-    variance = normal.cost / max(problem.count - problem.unknowns, 1)
+    variance = problem.variance(normal.cost)
     eigenvalues, eigenvectors = np.linalg.eigh(
         np.outer(prior_std, prior_std) * matrix / variance + np.eye(len(prior_std)))
     found = []

@@ -40,5 +40,5 @@ def refit_without(model: Model, names: Sequence[str], first: Drive, masks: Masks
         dry = with_parts(n, quantity="coulomb")
         values |= {dry: values[dry] + task.drive.value(n)} if dry in values else {}
     drive = replace(task.drive, values=values)
-    less = replace(task, drive=drive, free=tuple(n for n in drive.quantities if n in {*task.free} - {*names}))
+    less = replace(task, drive=drive).with_free({*task.free} - {*names})
     return fit(on_task(model, less), masks, max_iterations=max_iterations)

@@ -92,8 +92,7 @@ def with_intermediate_mass(base: Model, share: float, twist_share: float) -> Tas
                    values,
                    drive.torque_unit, drive.motion_unit, drive.damping_law, records=drive.records,
                    input_unit=drive.input_unit, constants=drive.constants)
-    return replace(task, drive=longer, free=tuple(
-        n for n in longer.quantities if n in {*task.free, inertia, stiffness, damping}))
+    return replace(task, drive=longer).with_free({*task.free, inertia, stiffness, damping})
 
 
 def without_intermediate_mass(task: Task, before: Drive) -> Task:
@@ -105,7 +104,7 @@ def without_intermediate_mass(task: Task, before: Drive) -> Task:
         one, other = values[own], values.pop(further)
         values[own] = one * other / (one + other) if one + other > 0.0 else 0.0
     drive = replace(before, values=values)
-    return replace(task, drive=drive, free=tuple(n for n in drive.quantities if n in task.free))
+    return replace(task, drive=drive).with_free(task.free)
 
 
 def without_third_mass(task: Task, before: Drive) -> Task:
@@ -126,8 +125,7 @@ def without_end_mass(task: Task, before: Drive) -> Task:
         summed = own != name or with_parts(own, owner=END_MASS) in task.drive.values
         values |= {own: values.get(own, 0.0) + value if summed else value} if name not in names[1:] else {}
     free = {with_parts(n, owner=last) if owner_of(n) == END_MASS else n for n in task.free if n not in names}
-    drive = replace(before, values=values)
-    return replace(task, drive=drive, free=tuple(n for n in drive.quantities if n in free))
+    return replace(task, drive=replace(before, values=values)).with_free(free)
 
 
 def transferred_point(base: Model, task: Task, problem: Problem) -> Point:

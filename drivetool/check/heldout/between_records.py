@@ -20,7 +20,7 @@ from drivetool.check.fit import (
 from drivetool.check.heldout.scores import REFIT_ITERATIONS, Fold
 from drivetool.finding import Finding
 from drivetool.identify.noise import filtered_normal_equations
-from drivetool.identify.problem import schur
+from drivetool.identify.problem import nonzero_scale, schur
 
 # Log likelihood of other values, besides one per free parameter. A choice: so clear that no inexact law
 # explains it.
@@ -77,8 +77,7 @@ def _held_out(model: Model, fold: Fold) -> tuple[Model, list[np.ndarray]]:
 def _information(model: Model) -> np.ndarray:
     """(k, k) of the free parameters, start states eliminated."""
     normal = filtered_normal_equations(model.problem, model.point, model.noise)
-    variance = normal.cost / max(model.problem.count - model.problem.unknowns, 1)
-    return schur(normal)[0] / variance
+    return schur(normal)[0] / model.problem.variance(normal.cost)
 
 
 def share_beyond(change: np.ndarray, information: np.ndarray, before: np.ndarray) -> float:
@@ -91,8 +90,7 @@ def share_beyond(change: np.ndarray, information: np.ndarray, before: np.ndarray
     source  Wald 1943: the difference of two estimates over the sum of their covariances
     """
     whole = float(change @ information @ change)
-    size = np.sqrt(np.diag(information + before))
-    size[size == 0.0] = 1.0
+    size = nonzero_scale(np.sqrt(np.diag(information + before)))
     both = np.linalg.pinv((information + before) / np.outer(size, size), rcond=MIN_RECORD_EIGENVALUE,
                           hermitian=True) / np.outer(size, size)
     return float(change @ before @ both @ information @ change) / whole if whole > 0.0 else 0.0

@@ -51,8 +51,7 @@ def detection_limits_with_cause(cause: Cause, before: Mapping[str, float], model
         if cause.trace is None:
             found = _amplitude_stds(cause, before, model, base, normal)
         else:
-            variance = normal.cost / max(model.problem.count - model.problem.unknowns, 1)
-            found = _trace_stds(cause, _without(model, base), variance)
+            found = _trace_stds(cause, _without(model, base), model.problem.variance(normal.cost))
     except FIT_ERRORS:
         return dict(before)
     return {n: min(was, found.get(n, was)) for n, was in before.items()}

@@ -28,8 +28,7 @@ def start_with(base: Model, values: Mapping[str, float], amplitudes: Sequence[st
     task = base.fitted
     drive = replace(task.drive, values={**task.drive.values, **values})
     new = {n for n in values if n not in fixed}
-    free = tuple(n for n in drive.quantities if n in {*task.free, *new})
-    return Start(replace(task, drive=drive, free=free), tuple(amplitudes))
+    return Start(replace(task, drive=drive).with_free({*task.free, *new}), tuple(amplitudes))
 
 
 def is_present(base: Model, name: str) -> bool:

@@ -17,6 +17,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
+import scipy
 
 LIMIT_97 = 2.17  # normal quantile of a two-sided 97 %
 # Blocks per period of the fastest resonance: fewer alias it, more dilute the correlation in noise.
@@ -134,15 +135,13 @@ def block_averages(residuals: Sequence[np.ndarray], inputs: Sequence[np.ndarray]
 
 def whiteness(residuals: Sequence[np.ndarray], lags: int = 20) -> float | None:
     """p-value of the Ljung-Box test of one-step prediction errors, NaN where unmeasured; None: too few."""
-    from scipy.stats import chi2
-
     n = int(sum(np.isfinite(x).sum() for x in residuals))
     e = [np.where(np.isfinite(x), x, 0.0) for x in residuals]
     own = _autocorrelation(e, lags)
     if n < 5 * lags or own[0] <= 0.0:
         return None
     rho = own[1:] / own[0]
-    return float(chi2.sf(n * (n + 2.0) * np.sum(rho**2 / (n - np.arange(1, lags + 1))), lags))
+    return float(scipy.stats.chi2.sf(n * (n + 2.0) * np.sum(rho**2 / (n - np.arange(1, lags + 1))), lags))
 
 
 def _centred(e: Sequence[np.ndarray], u: Sequence[np.ndarray]):
@@ -200,43 +199,36 @@ def _autocorrelation(e: Sequence[np.ndarray], lags: int) -> np.ndarray:
 def _p_of_largest(r: np.ndarray, covariance: np.ndarray, deviation: np.ndarray,
              seed: int) -> tuple[float, float]:
     """(p-value of the largest |r|/std, |r| exceeded by chance in 3 % of records)."""
-    from scipy.stats import norm
-
     values, vectors = np.linalg.eigh(covariance / np.outer(deviation, deviation))
     values = np.sqrt(np.maximum(values, 0.0))
     draws = np.abs(np.random.default_rng(seed).standard_normal((CORRELATION_DRAWS, len(r))) * values @ vectors.T)
     z = float(np.max(np.abs(r) / deviation))
     above = int(np.sum(draws.max(axis=1) >= z))
-    p = min((1 + above) / (1 + CORRELATION_DRAWS), 2.0 * len(r) * float(norm.sf(z)))
+    p = min((1 + above) / (1 + CORRELATION_DRAWS), 2.0 * len(r) * float(scipy.stats.norm.sf(z)))
     return p, float(np.quantile((draws * deviation).max(axis=1), 0.97))
 
 
 def _p_of_explained_share(u: Sequence[np.ndarray], e: Sequence[np.ndarray], known: Sequence[np.ndarray],
                m: int) -> float:
     """p-value of the share of the whitened residual that the lagged whitened inputs explain."""
-    from scipy.signal import lfilter
-    from scipy.stats import beta
-
     n = sum(int(k.sum()) for k in known)
     a = _whitener(e, n) if all(k.all() for k in known) else np.ones(1)
-    e = [lfilter(a, 1.0, x) for x in e]
-    u = [lfilter(a, 1.0, x - x[:1], axis=0) + a.sum() * x[:1] for x in u]
+    e = [scipy.signal.lfilter(a, 1.0, x) for x in e]
+    u = [scipy.signal.lfilter(a, 1.0, x - x[:1], axis=0) + a.sum() * x[:1] for x in u]
     after, gram = _lagged_products(u, e, u, known, m)
     values, vectors = np.linalg.eigh(gram)
     keep = values > 1e-8 * values[-1]
     k = int(keep.sum())
     share = float(np.sum((vectors[:, keep].T @ after) ** 2 / values[keep])) / sum(float(x @ x) for x in e)
-    return float(beta.sf(min(share, 1.0), k / 2.0, (n - k) / 2.0))
+    return float(scipy.stats.beta.sf(min(share, 1.0), k / 2.0, (n - k) / 2.0))
 
 
 def _whitener(e: Sequence[np.ndarray], n: int) -> np.ndarray:
     """Autoregression 1, a1, .. of a series, its order by the Schwarz criterion."""
-    from scipy.linalg import solve_toeplitz
-
     own = _autocorrelation(e, min(MAX_WHITENING_ORDER, n // 10))
     best, found = n * np.log(own[0]), np.ones(1)
     for order in range(1, len(own)):
-        a = solve_toeplitz(own[:order], -own[1:order + 1])
+        a = scipy.linalg.solve_toeplitz(own[:order], -own[1:order + 1])
         variance = own[0] + a @ own[1:order + 1]
         if variance > 0.0 and n * np.log(variance) + order * np.log(n) < best:
             best, found = n * np.log(variance) + order * np.log(n), np.concatenate([[1.0], a])

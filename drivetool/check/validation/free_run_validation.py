@@ -86,16 +86,15 @@ def _check(name: str, file: str, experiment: Experiment, run: Replay, m: int,
     rmse = float(np.sqrt(np.mean(e**2)))
     fit = fit_percent(y, y - e)
     one_step = fit_percent(run.measured[:, m], run.predicted[:, m])
-    nan = float("nan")
-    largest = nan if correlation is None else correlation.largest
+    largest = np.nan if correlation is None else correlation.largest
     value_range, total = float(np.ptp(y)), float(np.sum((y - y.mean()) ** 2))
     return CheckSection(
         name, file, run.outputs[m], experiment.unit(run.outputs[m]), fit, one_step, rmse,
-        rmse / value_range if value_range else nan,
-        1.0 - float(e @ e) / total if value_range and total else nan, int(known.sum()), largest,
-        nan if correlation is None else float(correlation.band.max()),
-        nan if correlation is None else 100.0 * correlation.outside,
-        nan if correlation is None else correlation.p, whiteness(run.stretches(run.innovations[:, m])),
+        rmse / value_range if value_range else np.nan,
+        1.0 - float(e @ e) / total if value_range and total else np.nan, int(known.sum()), largest,
+        np.nan if correlation is None else float(correlation.band.max()),
+        np.nan if correlation is None else 100.0 * correlation.outside,
+        np.nan if correlation is None else correlation.p, whiteness(run.stretches(run.innovations[:, m])),
         _meets_min_fit(fit, options) and not largest > options.max_correlation,
         *_from_measured(run, m, options))
 

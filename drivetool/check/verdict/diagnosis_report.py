@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import replace
-from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -13,6 +12,7 @@ from drivetool.check.faults import Fault
 from drivetool.check.fit import noise_absorbs_effect
 from drivetool.check.heldout import finding_of, records_differ_text
 from drivetool.check.outcome import OUTSIDE_CATALOGUE, DiagnoseOptions, Diagnosis, Gain, Round
+from drivetool.check.search import SearchResult
 from drivetool.check.starts import with_neighbouring_fits
 from drivetool.check.validation import run_model
 from drivetool.check.verdict.facts import facts_of
@@ -40,9 +40,6 @@ from drivetool.identify.noise import (
 from drivetool.identify.outcome import CORRELATED, compose
 from drivetool.identify.problem import Point, Problem
 from drivetool.identify.setup import Outcome
-
-if TYPE_CHECKING:
-    from drivetool.check.search import SearchResult
 
 # Standard deviations from zero from which a parameter of the base counts: 99.7 % of a normal one.
 BASE_PARAMETER_STDS = 3.0

@@ -2,20 +2,16 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
-
 from drivetool.check.causes import CAUSES
 from drivetool.check.fit import FIT_ERRORS
 from drivetool.check.heldout import error_by_noise
 from drivetool.check.outcome import Facts, Gain, noise_hides_law
+from drivetool.check.search import SearchResult
 from drivetool.check.starts import torque_size
 from drivetool.check.verdict.by_speed import share_by_speed
 from drivetool.drive.effects import STEP_TORQUES
 from drivetool.identify.estimate import Estimate
 from drivetool.quantity import quantity_of
-
-if TYPE_CHECKING:
-    from drivetool.check.search import SearchResult
 
 # Log likelihood on held-out data from which an event counts although only one block supports it. A choice: a
 # smaller one may be breakaway friction that has no candidate of its own.

@@ -3,18 +3,15 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import TYPE_CHECKING
 
 import numpy as np
 
 from drivetool.check.causes import CAUSES
 from drivetool.check.fit import Model
+from drivetool.check.search import SelectedCauses
 from drivetool.check.starts import largest_torque
 from drivetool.identify.estimate import Estimate, Parameter
 from drivetool.quantity import owner_of, quantity_of
-
-if TYPE_CHECKING:
-    from drivetool.check.search import SelectedCauses
 
 MAX_DIGITS = 10  # digits: as many as the files have
 SINE, COSINE = "_sine", "_cosine"

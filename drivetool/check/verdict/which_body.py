@@ -4,16 +4,13 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import replace
-from typing import TYPE_CHECKING
 
 from drivetool.check.causes import CAUSES
 from drivetool.check.fit import FIT_ERRORS, Masks, Model, all_samples, fit, on_task
+from drivetool.check.search import SearchResult
 from drivetool.check.starts import gear_ratio
 from drivetool.finding import Finding
 from drivetool.quantity import names_of, owner_of
-
-if TYPE_CHECKING:
-    from drivetool.check.search import SearchResult
 
 MIN_BODY_LEAD = 4.0  # log likelihood: a ratio below exp(4), about 55, does not distinguish two bodies. A choice
 
@@ -49,7 +46,7 @@ def refit_on_body(model: Model, name: str, other: str, power: int, masks: Masks)
     here, there = (gear_ratio(model, owner_of(n)) for n in (name, other))
     values = {n: v for n, v in task.drive.values.items() if n != name}
     drive = replace(task.drive, values=values | {other: task.drive.value(name) * (there / here) ** power})
-    task = replace(task, drive=drive, free=tuple(n for n in drive.quantities if n in {*task.free, other} - {name}))
+    task = replace(task, drive=drive).with_free({*task.free, other} - {name})
     return fit(on_task(model, task), masks)
 
 

@@ -24,7 +24,6 @@ from drivetool.cli.options import (
     with_torques,
 )
 from drivetool.cli.output import deliver, recordings_drawn_on_failure, say
-from drivetool.cli.parts import refuse_coast_downs
 from drivetool.drive import is_constant
 from drivetool.errors import BadOption
 from drivetool.files.disk import write_whole
@@ -77,7 +76,7 @@ def run(job: Job, held_count: int, options: DiagnoseOptions, report: str | None,
     """
     from drivetool.check import diagnose
     from drivetool.check.causes import chosen_causes
-    from drivetool.files.pages import diagnosis_page
+    from drivetool.cli.parts import refuse_coast_downs
     from drivetool.files.results import (
         base_findings,
         check_base,
@@ -118,6 +117,8 @@ def run(job: Job, held_count: int, options: DiagnoseOptions, report: str | None,
         options=noted_options(job, used, differences.words)))
     file = diagnosis_file(found, opened.inputs)
     if report is not None:
+        from drivetool.files.pages import diagnosis_page
+
         write_whole(report, diagnosis_page(found, file, sections_before(sections, drive)))
         if not job.quiet:
             say(job.step, f"wrote {report}")

@@ -49,7 +49,7 @@ def command(logs: Logs, out: Out = "site.yaml", debug: cli.Debug = False, quiet:
 def _recordings(logs: list[str]) -> list[Path]:
     """The recordings, those of folders in all folders below."""
     from drivetool.files.disk import RECORDING_SUFFIXES
-    from drivetool.logs.formats.tables import natural_order
+    from drivetool.logs import natural_order
     from drivetool.site.plan import is_recording
 
     found: list[Path] = []

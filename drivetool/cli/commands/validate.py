@@ -27,13 +27,6 @@ from drivetool.cli.options import (
     start_of,
 )
 from drivetool.cli.output import deliver, recordings_drawn_on_failure, say
-from drivetool.cli.parts import (
-    COAST_DOWN,
-    replay_gains,
-    validate_coast_downs,
-    with_coast_down_criterion,
-    with_flux_decay,
-)
 from drivetool.errors import BadOption
 
 if TYPE_CHECKING:
@@ -74,6 +67,7 @@ def command(
 
 def run_gains(job: Job, options: ValidateOptions, gains: str, configuration: str | None) -> int:
     """Replay tuned gains; the exit code."""
+    from drivetool.cli.parts import replay_gains
     from drivetool.files.results import validation_file
     from drivetool.tune.simulation import COMPARED_ROLES
 
@@ -127,6 +121,7 @@ def _noted(options: ValidateOptions) -> dict[str, Any]:
 def run(job: Job, options: ValidateOptions) -> int:
     """Open, check, deliver; the exit code."""
     from drivetool.check.validation import validate, validate_torque
+    from drivetool.cli.parts import COAST_DOWN, validate_coast_downs, with_coast_down_criterion, with_flux_decay
     from drivetool.files.results import validation_file
     from drivetool.identify.channels import used_by
 

@@ -138,7 +138,6 @@ def _with_free_parameters(found: RecordDifferences, label: str, names: str, word
     if not each:
         raise BadOption(f"names after {FREE_WORD}=", f"'{word}'", RECORD_ADVICE)
     for name in each:
-        _refuse_sum(found.drive, name)
         drive = _with_split_friction(found.drive, name)
         with errors_as_usage():
             own, value = f"{name}@{label}", drive.value(name)
@@ -166,27 +165,23 @@ def _with_known_value(found: RecordDifferences, label: str, word: str) -> Record
     kind = word.partition("=")[0].strip()
     if kind.endswith(f".{CLAMPED_WORD}"):
         raise BadOption(f"{CLAMPED_WORD}=BODY after {RECORD_OPTION} FILE", f"'{word}'", RECORD_ADVICE)
-    _refuse_sum(found.drive, kind)
     drive = _with_split_friction(found.drive, kind)
     with errors_as_usage():
         name, value = start_value(word, drive, f"{RECORD_OPTION} FILE")
         return replace(found, drive=drive.with_values({f"{name}@{label}": value}))
 
 
-def _refuse_sum(drive: Drive, name: str) -> None:
-    """Raise BadOption where the drive has the parts of the named sum."""
+def _with_split_friction(drive: Drive, name: str) -> Drive:
+    """The friction of each body in the place of their sum, where one of them is named.
+
+    raises  BadOption: the sum is named and the drive has its parts
+    """
     from drivetool.drive import TOTALS
+    from drivetool.identify.fit import with_friction_parts
 
     parts = [f"{b}.{TOTALS[name]}" for b in drive.bodies] if name in TOTALS else []
     if parts and (len(parts) == 1 or any(p in drive.values for p in parts)):
         raise BadOption(f"the friction of a body after {RECORD_OPTION}", f"the sum {name}", f"Name {parts[0]}.")
-
-
-def _with_split_friction(drive: Drive, name: str) -> Drive:
-    """The friction of each body in the place of their sum, where one of them is named."""
-    from drivetool.drive import TOTALS
-    from drivetool.identify.fit import with_friction_parts
-
     suffix = name.rpartition(".")[2]
     sums = [total for total, part in TOTALS.items() if part == suffix and total != name and total in drive.values]
     return with_friction_parts(drive) if sums else drive

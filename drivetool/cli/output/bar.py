@@ -5,7 +5,7 @@ from __future__ import annotations
 import sys
 import time
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import closing, contextmanager
 from typing import TYPE_CHECKING
 
 from drivetool.progress import FIRST_USE, progress_to
@@ -75,9 +75,5 @@ def progress_bar(quiet: bool = False) -> Iterator[None]:
     if quiet:
         yield
         return
-    bar = Bar() if sys.stderr.isatty() else FirstUse()
-    try:
-        with progress_to(bar):
-            yield
-    finally:
-        bar.close()
+    with closing(Bar() if sys.stderr.isatty() else FirstUse()) as bar, progress_to(bar):
+        yield

@@ -4,16 +4,16 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import replace
-from typing import TYPE_CHECKING
 
+from drivetool.check.validation import ValidateOptions, Validation, validate_coast_down
+from drivetool.cli.options import Opened
+from drivetool.drive import Drive
 from drivetool.errors import BadOption, BadRecording
-
-if TYPE_CHECKING:
-    from drivetool.check.validation import ValidateOptions, Validation
-    from drivetool.cli.options import Opened
-    from drivetool.drive import Drive
-    from drivetool.identify.estimate import Covariance
-    from drivetool.logs import Experiment
+from drivetool.files.yaml import coast_down_model, fitted_flux_decay, has_only_ratios, is_coast_down_file
+from drivetool.identify.coast_down import flux_decay
+from drivetool.identify.estimate import Covariance
+from drivetool.identify.setup import SUPPLY_ROLES
+from drivetool.logs import Experiment
 
 COAST_DOWN = "coast-down"
 
@@ -27,9 +27,6 @@ def with_coast_down_criterion(opened: Opened, options: ValidateOptions) -> Valid
     raises  BadRecording: no torque, and neither option nor files state a coast-down; BadOption: --flux-decay
             without one
     """
-    from drivetool.files.yaml import fitted_flux_decay, has_only_ratios, is_coast_down_file
-    from drivetool.identify.setup import SUPPLY_ROLES
-
     files = [source.file for source in opened.loaded.sources]
     without_torque = next((e for e in opened.experiments if not {"motor_torque", *SUPPLY_ROLES} & set(e.signals)),
                           None)
@@ -53,8 +50,6 @@ def with_coast_down_criterion(opened: Opened, options: ValidateOptions) -> Valid
 
 def with_flux_decay(options: ValidateOptions, drives: Sequence[Drive]) -> ValidateOptions:
     """The options with the flux decay time of a known motor, where the command line gives none."""
-    from drivetool.identify.coast_down import flux_decay
-
     if options.criterion != COAST_DOWN or options.flux_decay is not None:
         return options
     return replace(options, flux_decay=max(map(flux_decay, drives)))
@@ -63,9 +58,6 @@ def with_flux_decay(options: ValidateOptions, drives: Sequence[Drive]) -> Valida
 def validate_coast_downs(opened: Opened, drives: Sequence[Drive], options: ValidateOptions,
                          fitted_on: Sequence[Sequence[str]], known: Sequence[Covariance | None]) -> Validation:
     """The validation of every file on the coast-downs of every record."""
-    from drivetool.check.validation import validate_coast_down
-    from drivetool.files.yaml import coast_down_model
-
     models = [coast_down_model(*each) for each in zip(opened.loaded.sources, drives, known, strict=True)]
     return validate_coast_down(opened.experiments, models, options, fitted_on)
 

@@ -3,17 +3,17 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import TYPE_CHECKING
 
-if TYPE_CHECKING:
-    from drivetool.check.validation import CheckSection, ValidateOptions, Validation
-    from drivetool.drive import Drive
-    from drivetool.finding import Finding
-    from drivetool.identify.estimate import PlotData
-    from drivetool.logs import Experiment
-    from drivetool.tune.simulation import LoopReplay
+import numpy as np
 
-NAN = float("nan")
+from drivetool.check.validation import CheckSection, ValidateOptions, Validation
+from drivetool.drive import Drive
+from drivetool.files.results import controller_of, load_gains
+from drivetool.finding import Finding
+from drivetool.identify.estimate import PlotData, fit_text, record_picture
+from drivetool.logs import Experiment
+from drivetool.tune.simulation import LoopReplay, replay_load_step
+from drivetool.tune.speed_loop import build
 
 
 def replay_gains(experiments: Sequence[Experiment], models: Sequence[tuple[str, str, Drive]], path: str,
@@ -24,11 +24,6 @@ def replay_gains(experiments: Sequence[Experiment], models: Sequence[tuple[str, 
     path     of the gains file
     returns  (Validation, (name, sha256) of the gains file)
     """
-    from drivetool.check.validation import Validation
-    from drivetool.files.results import controller_of, load_gains
-    from drivetool.tune.simulation import replay_load_step
-    from drivetool.tune.speed_loop import build
-
     name, digest, file = load_gains(path)
     wiring, settings = controller_of(file, name, configuration)
     tuned_on = {entry.sha256 for entry in file.inputs}
@@ -49,24 +44,18 @@ def replay_gains(experiments: Sequence[Experiment], models: Sequence[tuple[str, 
 def _replay_check(model: str, experiment: Experiment, run: LoopReplay, role: str,
                   options: ValidateOptions) -> CheckSection:
     """One signal; residual tests need an open loop and are left out."""
-    import numpy as np
-
-    from drivetool.check.validation import CheckSection
-
     y = run.measured[role][np.isfinite(run.measured[role])]
     output_range, total = float(np.ptp(y)), float(np.sum((y - y.mean()) ** 2))
     unit = experiment.torque_unit if role.endswith("torque") else f"{experiment.motion_unit}/s"
     fit, rmse = run.fits[role], run.rmse[role]
     return CheckSection(
-        model, experiment.name, role, unit, fit, None, rmse, rmse / output_range if output_range else NAN,
-        1.0 - rmse**2 * len(y) / total if output_range and total else NAN, len(y), NAN, NAN, NAN, NAN, None,
-        options.min_fit is None or fit >= options.min_fit)
+        model, experiment.name, role, unit, fit, None, rmse, rmse / output_range if output_range else np.nan,
+        1.0 - rmse**2 * len(y) / total if output_range and total else np.nan, len(y), np.nan, np.nan, np.nan,
+        np.nan, None, options.min_fit is None or fit >= options.min_fit)
 
 
 def _replay_plot(model: str, experiment: Experiment, run: LoopReplay) -> PlotData:
     """Measured over simulated motor speed, with the load torque."""
-    from drivetool.identify.estimate import fit_text, record_picture
-
     return record_picture(
         f"{experiment.name}, model {model}: replay of the tuned loop, "
         f"fit {fit_text(run.fits['motor_speed'], '.1f')}",
@@ -75,8 +64,6 @@ def _replay_plot(model: str, experiment: Experiment, run: LoopReplay) -> PlotDat
 
 
 def _other_tuning_note(model: str, gains: str, files: Sequence[str]) -> Finding:
-    from drivetool.finding import Finding
-
     return Finding("note", "tuned-for-another-file",
                    f"{gains} was tuned for {', '.join(files)}, not for {model} as it is now.", {},
                    "Tune again if the parameters have changed.")

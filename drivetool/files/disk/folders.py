@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from drivetool.errors import BadOption
-from drivetool.logs.formats.tables import natural_order
+from drivetool.logs import natural_order
 
 # Files that writers of data sets leave beside the parts: Parquet's summaries, and the mark of a finished job.
 DATA_SET_MARKS = ("_metadata", "_common_metadata", "_SUCCESS")

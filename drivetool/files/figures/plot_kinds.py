@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
-
 import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+from matplotlib.ticker import LogLocator, NullFormatter
 
 from drivetool.files.figures import record_figures, report_figures, tune_figures
 from drivetool.files.figures.panels import Panel, mark, picture, zero
@@ -12,10 +13,6 @@ from drivetool.files.figures.plot_style import AXIS_COLOUR, BLUE, CYCLE, GREY, I
 from drivetool.files.figures.record_figures import Curve, line_style
 from drivetool.identify.estimate import PlotData
 from drivetool.identify.several import MIN_SIGNIFICANT_RATIO
-
-if TYPE_CHECKING:
-    from matplotlib.axes import Axes
-    from matplotlib.figure import Figure
 
 # In usual distances of the spectral lines. Between 1, no line left out, and 2, one left out; spacings are uneven.
 MIN_GAP_RATIO = 1.6
@@ -116,8 +113,6 @@ def _with_gaps(x: np.ndarray, y: np.ndarray) -> Curve:
 
 def _plain_frequencies(axis: Axes) -> None:
     """Plain numbers, 2 or 30, instead of powers of ten."""
-    from matplotlib.ticker import LogLocator, NullFormatter
-
     low, high = axis.get_xlim()
     axis.xaxis.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0) if high > 30.0 * low else (1, 2, 3, 4, 5, 7)))
     axis.xaxis.set_major_formatter("{x:g}")

@@ -2,13 +2,7 @@
 
 from __future__ import annotations
 
-import warnings
-from collections.abc import Iterator
-from contextlib import contextmanager
-from typing import TYPE_CHECKING, Any
-
-if TYPE_CHECKING:
-    from matplotlib.figure import Figure
+from typing import Any
 
 GREY, BLUE, ORANGE, RED, GREEN, INK = "#8d939b", "#1763a6", "#d9730d", "#b3362d", "#3a7d44", "#2b2f33"
 AXIS_COLOUR, GRID_COLOUR, MEASURED_COLOUR = "#5c6269", "#e3e6e9", "#b9bec4"
@@ -23,28 +17,3 @@ STYLE: dict[str, Any] = {
     "savefig.dpi": 140, "axes.formatter.useoffset": False, "path.simplify": False,
     "svg.fonttype": "path", "svg.hashsalt": "drivetool", "hatch.linewidth": 0.6,
 }
-
-
-@contextmanager
-def drawing_style() -> Iterator[None]:
-    """Draw with the style; a letter that the font lacks is a box in the picture, without a warning."""
-    from matplotlib import rc_context
-
-    with rc_context(STYLE), warnings.catch_warnings():
-        warnings.filterwarnings("ignore", "Glyph .* missing from", UserWarning)
-        yield
-
-
-def without_math_text(drawn: Figure) -> Figure:
-    """The picture with its texts as they are: a name with two dollar signs is no formula."""
-    from matplotlib.axis import Axis
-    from matplotlib.text import Text
-
-    for parent in (drawn, *drawn.axes):
-        for child in parent.get_children():
-            if isinstance(child, Axis):  # its numbers may have powers
-                child.label.set_parse_math(False)
-            elif child not in drawn.axes:
-                for text in child.findobj(Text):
-                    text.set_parse_math(False)
-    return drawn

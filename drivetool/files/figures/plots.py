@@ -2,13 +2,20 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+import warnings
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
 from io import BytesIO
 from pathlib import Path, PurePath
 
+from matplotlib import rc_context
+from matplotlib.axis import Axis
+from matplotlib.figure import Figure
+from matplotlib.text import Text
+
 from drivetool.files.disk import check_folder, make_folder, write_whole
 from drivetool.files.figures.plot_kinds import figure
-from drivetool.files.figures.plot_style import drawing_style, without_math_text
+from drivetool.files.figures.plot_style import STYLE
 from drivetool.identify.estimate import PlotData
 from drivetool.logs import Experiment
 
@@ -77,3 +84,23 @@ def recording_plot(experiment: Experiment) -> PlotData:
     return PlotData("recording", f"Recording {experiment.name}", "time [s]", "",
                    {f"{role.replace('_', ' ')} [{experiment.unit(role)}]": (time, values)
                     for role, values in experiment.signals.items()})
+
+
+@contextmanager
+def drawing_style() -> Iterator[None]:
+    """Draw with the style; a letter that the font lacks is a box in the picture, without a warning."""
+    with rc_context(STYLE), warnings.catch_warnings():
+        warnings.filterwarnings("ignore", "Glyph .* missing from", UserWarning)
+        yield
+
+
+def without_math_text(drawn: Figure) -> Figure:
+    """The picture with its texts as they are: a name with two dollar signs is no formula."""
+    for parent in (drawn, *drawn.axes):
+        for child in parent.get_children():
+            if isinstance(child, Axis):  # its numbers may have powers
+                child.label.set_parse_math(False)
+            elif child not in drawn.axes:
+                for text in child.findobj(Text):
+                    text.set_parse_math(False)
+    return drawn

@@ -4,17 +4,14 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import replace
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
+from matplotlib.axes import Axes
 
 from drivetool.files.figures.panels import Mark, Panel, mark, zero
 from drivetool.files.figures.plot_style import BLUE, GRID_COLOUR, INK, MEASURED_COLOUR, ORANGE, RED
-
-if TYPE_CHECKING:
-    from matplotlib.axes import Axes
-
-    from drivetool.identify.estimate import PlotData
+from drivetool.identify.estimate import PlotData
 
 Curve = tuple[np.ndarray, np.ndarray]
 

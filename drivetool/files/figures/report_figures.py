@@ -3,18 +3,17 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.colors import LogNorm
+from matplotlib.ticker import LogLocator, NullLocator
 
 from drivetool.files.figures.panels import Mark, Panel, mark, zero
 from drivetool.files.figures.plot_style import BLUE, GREEN, GREY, GRID_COLOUR, INK, ORANGE
 from drivetool.files.figures.record_figures import record, two_line_label, unit_of_label
-
-if TYPE_CHECKING:
-    from matplotlib.axes import Axes
-
-    from drivetool.identify.estimate import PlotData
+from drivetool.identify.estimate import PlotData
 
 # A colour and a hatch each, so that they remain distinguishable in a grey print.
 STATE_FILLS = {"named": ("named", GREEN, ""), "possible": ("as good", BLUE, "//"), "worse": ("worse", GREY, ".."),
@@ -47,8 +46,6 @@ def _over_time(plot: PlotData) -> list[Panel]:
 
 
 def _plain_decades(axis: Axes) -> None:
-    from matplotlib.ticker import LogLocator, NullLocator
-
     low, high = axis.get_ylim()
     axis.yaxis.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0) if high < 100.0 * low else (1.0,)))
     axis.yaxis.set_major_formatter("{x:g}")
@@ -90,8 +87,6 @@ def _order(plot: PlotData) -> list[Panel]:
 
 def _order_map(plot: PlotData) -> list[Panel]:
     """Amplitude in colours over order and speed; a line at each order that belongs to a cause."""
-    from matplotlib.colors import LogNorm
-
     marks, limits, heat = [], {}, plot.heat
     if heat is not None:
         # At an anti-resonance little noise requires a hundredfold torque: linear colours would show nothing else.

@@ -5,14 +5,13 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from datetime import datetime
 from io import BytesIO
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
+import pyarrow as pa
+from pyarrow import parquet
 
 from drivetool.logs import Recording
-
-if TYPE_CHECKING:
-    import pyarrow as pa
 
 
 def recording_bytes(recording: Recording) -> bytes:
@@ -20,8 +19,6 @@ def recording_bytes(recording: Recording) -> bytes:
 
     recording  channels with units; time in seconds from its origin, which is noted in the metadata
     """
-    import pyarrow as pa
-
     channels = recording.channels
     first = next(iter(channels.values())).time
     metadata = {"origin": repr(float(recording.origin))}
@@ -52,8 +49,6 @@ def recording_bytes(recording: Recording) -> bytes:
 
 def parquet_bytes(table: pa.Table, **coding: Any) -> bytes:
     """A table as a Parquet file; coding: of its columns."""
-    from pyarrow import parquet
-
     buffer = BytesIO()
     parquet.write_table(table, buffer, compression="zstd", **coding)
     return buffer.getvalue()
@@ -64,8 +59,6 @@ def table_bytes(columns: Mapping[str, str], rows: Sequence[tuple[Any, ...]]) -> 
 
     columns  name -> string, double, int32, or timestamp: ISO 8601 in the rows, UTC
     """
-    import pyarrow as pa
-
     kinds = {"string": pa.string(), "double": pa.float64(), "int32": pa.int32(),
              "timestamp": pa.timestamp("us", tz="UTC")}
     by_column = list(zip(*rows, strict=True)) or [()] * len(columns)

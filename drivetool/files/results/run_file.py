@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 
 import numpy as np
+import pyarrow as pa
 
 from drivetool.check.validation import ModelRun
 from drivetool.files.results.parquet_file import parquet_bytes
@@ -17,8 +18,6 @@ def run_table(run: ModelRun, about: Mapping[str, str]) -> bytes:
     returns  time [s]; inputs as logged; every output as simulated, under the name of its role; what
              was measured of them as <role>_measured, null where there was no value
     """
-    import pyarrow as pa
-
     columns = {"time": (run.time, "s"), **{role: (v, run.unit(role)) for role, v in run.inputs.items()}}
     columns |= {role: (values, run.unit(role)) for role, values in run.simulated.items()}
     columns |= {f"{role}_measured": (values, run.unit(role)) for role, values in run.measured.items()}

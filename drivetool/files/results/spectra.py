@@ -5,6 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 
 import numpy as np
+import pyarrow as pa
 
 from drivetool.files.disk import write_whole
 from drivetool.files.results.parquet_file import parquet_bytes
@@ -47,8 +48,6 @@ def curves_bytes(spectrum: Spectrum) -> bytes:
 
     Variances are of the complex value, E|error|^2; each of its two parts has half of it.
     """
-    import pyarrow as pa
-
     parts = [("all", spectrum.mean, spectrum.spread)]
     parts += [(name, r, None) for name, r in spectrum.runs] if len(spectrum.runs) > 1 else []
     units = {"frequency": "Hz", "phase": "rad", "coherence": "1"}

@@ -21,12 +21,9 @@ class PartSection(Shape):
     segments: int
 
 
-class ExperimentSection(Shape):
+class ExperimentSection(PartSection):
     """What a step would get."""
 
-    step: Annotated[float, Meta(description="s")]
-    samples: int
-    segments: int
     torque_unit: str
     motion_unit: str
     torque_is: str

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from rich.console import Console
 
-from drivetool.files.shapes import ExperimentSection, InspectionFile, PartSection
+from drivetool.files.shapes import InspectionFile, PartSection
 from drivetool.files.tables.number_format import narrow
 from drivetool.files.tables.table import Column, Row, Table, lines, numbers
 
@@ -26,7 +26,7 @@ def print_inspection(file: InspectionFile, console: Console) -> None:
     console.print(lines((f"{name}: not read, {why}" for name, why in file.unreadable.items()), "yellow"))
     if e := file.experiment:
         more = "".join(f"; {role} in {unit}" for role, unit in (e.input_units or {}).items())
-        parts: list[ExperimentSection | PartSection] = [e, *e.others]
+        parts: list[PartSection] = [e, *e.others]
         counts = " and ".join(f"{p.samples} samples of {p.step:.6g} s in {p.segments} "
                               f"segment{'s' if p.segments > 1 else ''}" for p in parts)
         console.print(lines([f"a step receives {', '.join(e.roles)}: {counts}, torque in {e.torque_unit} "

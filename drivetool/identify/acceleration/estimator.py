@@ -85,6 +85,7 @@ def acceleration(experiments: Sequence[Experiment], drive: Drive, options: Optio
                     hold=tuple(n for n in rigid.names if rigid.names[n] in options.hold))
     shared, cut = _fit_block_means(experiments, spans, start, fit_options)
     found = fit_with_mean_torque(shared, cut, start, fit_options)
+    inertia = found.estimate.line("motor.inertia")
     estimate = as_drive_parameters(found.estimate, drive, rigid)
     road = road_slope_findings(found, estimate, drive, rigid.target)
     forward = sum(bool(s.speed.mean() > 0.0) for s in spans)
@@ -93,7 +94,7 @@ def acceleration(experiments: Sequence[Experiment], drive: Drive, options: Optio
     return replace(
         estimate, step="steady", outcome=_outcome_text(spans, experiments, drive),
         details={**estimate.details, "spans": _span_details(spans, experiments),
-                 "inertia_at_motor": _value_and_std(found.estimate, "motor.inertia"),
+                 "inertia_at_motor": {"value": inertia.value, "std": inertia.std},
                  **({"idle_torque_by_record": found.by_record} if found.by_record else {})},
         findings=(*_unit_findings(estimate, drive, rigid), *_common_line_findings(spans),
                   *_drag_findings(shared, cut, start, fit_options), *road,
@@ -193,7 +194,7 @@ def _common_line_findings(spans: Sequence[Span]) -> list[Finding]:
 def _drag_findings(shared: Estimate, cut: Sequence[Experiment], start: Drive, options: Options) -> list[Finding]:
     """A finding where the friction is not linear in speed: it has a significant quadratic term."""
     found = greybox(cut, start.with_values({**shared.drive.values, DRAG: 0.0}), replace(options, free=(DRAG,)))
-    line = next(p for p in found.parameters if p.name == DRAG)
+    line = found.line(DRAG)
     if line.std is None or line.value < DRAG_SIGNIFICANCE * line.std:
         return []
     return [Finding(
@@ -293,11 +294,6 @@ def _span_details(spans: Sequence[Span], experiments: Sequence[Experiment]) -> l
     return [{"file": e.name, "start": e.offset + s.first * e.step, "end": e.offset + s.last * e.step,
              "torque": s.torque, "speed_from": float(s.speed[0]), "speed_to": float(s.speed[-1])}
             for s in spans for e in (experiments[s.recording],)]
-
-
-def _value_and_std(found: Estimate, name: str) -> dict[str, float | None]:
-    line = next(p for p in found.parameters if p.name == name)
-    return {"value": line.value, "std": line.std}
 
 
 def _friction_plot(spans: Sequence[Span], rigid: Drive, drive: Drive) -> PlotData:

@@ -140,7 +140,7 @@ def road_slope_findings(found: RoadFit, estimate: Estimate, drive: Drive, target
             "note", "constant-load", f"A constant torque of {size:.4g} +- {std:.2g} {unit} acts, independent of "
             "the direction of motion.", {"torque": size, "std": std},
             "Look for the cause: a weight, a slope, an offset of the torque channel.")]
-    mass = next(p for p in estimate.parameters if p.name == target)
+    mass = estimate.line(target)
     force = drive.gear_ratios()[-1] / estimate.drive.value(name_of(owner, "radius"))
     slope = 100.0 * force * size / (mass.value * STANDARD_GRAVITY)
     error = abs(slope) * float(np.hypot(std / size, (mass.std or 0.0) / mass.value))

@@ -11,7 +11,7 @@ import scipy
 from drivetool.errors import NotEnoughData
 from drivetool.identify.polynomial.pem_model import Prediction, Stretch, Structure, _delayed_columns
 from drivetool.identify.polynomial.pem_restricted import restricted_shift
-from drivetool.identify.problem import MIN_SPARE_SAMPLES, Point, Solution, solve
+from drivetool.identify.problem import MIN_SPARE_SAMPLES, Point, Solution, nonzero_scale, solve
 
 MAX_DESCENT_ITERATIONS = 100  # iterations of a descent, a choice that bounds the time
 MAX_INSTRUMENTAL_ROUNDS = 8  # of the instrumental-variable start, at most, a choice that bounds the time
@@ -226,8 +226,7 @@ def _instrumental_round(stretches, s: Structure, values: np.ndarray, f: slice, b
         phi, target = phi - q @ (q.T @ phi), target - q @ (q.T @ target)
         lhs, rhs = lhs + z.T @ phi, rhs + z.T @ target
         tails.append(q)
-    size = np.sqrt(np.abs(np.diag(lhs)))
-    size[size == 0.0] = 1.0
+    size = nonzero_scale(np.sqrt(np.abs(np.diag(lhs))))
     found = np.linalg.lstsq(lhs / np.outer(size, size), rhs / size, rcond=1e-14)[0] / size
     values = np.zeros_like(values)
     values[f], values[b] = found[: s.order], found[s.order:]
@@ -256,8 +255,6 @@ def _with_covariance(problem: Prediction, solution: Solution) -> PemFit:
     Where the errors are not white, an output-error model is still unbiased in open loop, but the inverse
     of its information is no covariance: the colour of the errors enters it.
     """
-    from scipy.stats import chi2
-
     point, k = solution.point, len(problem.names)
     errors, derivatives = zip(*(problem.jacobian(point.values, s, d)
                                 for s, d in zip(point.starts, problem.stretches, strict=True)), strict=True)
@@ -268,7 +265,7 @@ def _with_covariance(problem: Prediction, solution: Solution) -> PemFit:
     r = np.array([sum(x[: len(x) - j] @ x[j:] for x in errors) for j in range(1, lags + 1)])
     r /= max(float(e @ e), 1e-300)  # zero where the model repeats the output to the last digit
     statistic = len(e) * float(np.sum(r**2))
-    p = float(chi2.sf(statistic, max(lags - problem.structure.noise_parameters, 1)))
+    p = float(scipy.stats.chi2.sf(statistic, max(lags - problem.structure.noise_parameters, 1)))
     white = p > 1e-3
     ar, whitened_variance = (np.ones(1), variance) if white else _whitener(problem, point.values, errors, degrees)
     total, inner = np.zeros((k, k)), np.zeros((k, k))

@@ -9,12 +9,17 @@ from msgspec import Meta
 from drivetool.results import Number, Shape
 
 
-class DifferenceSection(Shape):
-    """A figure in two records, or of two machines."""
+class FigureSection(Shape):
+    """A figure of models of one structure."""
 
     structure: str
     name: str
     unit: str
+
+
+class DifferenceSection(FigureSection):
+    """A figure in two records, or of two machines."""
+
     first: str
     second: str
     change: Annotated[Number, Meta(description="second less first")]
@@ -24,12 +29,9 @@ class DifferenceSection(Shape):
     differs: bool
 
 
-class SpreadSection(Shape):
+class SpreadSection(FigureSection):
     """A figure over several experiments."""
 
-    structure: str
-    name: str
-    unit: str
     values: Annotated[list[Number], Meta(description="one per record, in the order of data")]
     stds: Annotated[list[Number], Meta(description="stated by each fit")]
     mean: Number

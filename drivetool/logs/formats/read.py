@@ -11,12 +11,18 @@ from pathlib import Path
 from drivetool.errors import BadRecording
 from drivetool.logs import Recording, display_name
 from drivetool.logs.channels import ChannelMap, Choose, Reader, choose_channels
-from drivetool.logs.formats.tables import read_parquet
 
 
 def read_mcap(path: Path, choose: Choose, channel_map: ChannelMap | None, lenient: bool = False) -> Recording:
     """See drivetool.logs.formats.mcap.read; imported here, since a Parquet log does not need it."""
     from drivetool.logs.formats.mcap import read_mcap as read
+
+    return read(path, choose, channel_map, lenient)
+
+
+def read_parquet(path: Path, choose: Choose, channel_map: ChannelMap | None, lenient: bool = False) -> Recording:
+    """See drivetool.logs.formats.tables.parquet; imported here, since an MCAP log does not need it."""
+    from drivetool.logs.formats.tables import read_parquet as read
 
     return read(path, choose, channel_map, lenient)
 

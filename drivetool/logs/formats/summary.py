@@ -6,14 +6,13 @@ from collections import Counter
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING
+
+import pyarrow as pa
+import pyarrow.parquet as pq
 
 from drivetool.errors import BadRecording
 from drivetool.finding_codes import RENAMED
 from drivetool.logs import display_name
-
-if TYPE_CHECKING:
-    import pyarrow as pa
 
 SUMMARY_COLUMNS = ("recording", "machine", "start", "order", "step", "parameter", "value", "unit", "std", "status",
                    "kind")
@@ -81,9 +80,6 @@ def refuse_repeated_rows(rows: Sequence[Row], name: str) -> None:
 
 def _read_table(path: Path, name: str) -> pa.Table:
     """The columns of a summary."""
-    import pyarrow as pa
-    import pyarrow.parquet as pq
-
     if not path.exists():
         raise BadRecording("the summary of a site", f"no file {name}", "Check the path.")
     if path.is_dir():
@@ -116,8 +112,6 @@ def _start_seconds(start: int | None, name: str) -> float | None:
 
 def _column_values(table: pa.Table, column: str, name: str) -> list:
     """The values of a column as Python has them; a start as seconds since 1970."""
-    import pyarrow as pa
-
     target = pa.string() if column in TEXT_COLUMNS else {
         "start": pa.timestamp("us", "UTC"), "order": pa.int64()}.get(column, pa.float64())
     try:

@@ -6,6 +6,7 @@ from collections.abc import Iterable
 from dataclasses import dataclass
 
 import numpy as np
+import scipy
 
 from drivetool.finding import Finding
 from drivetool.logs import true_runs
@@ -131,8 +132,6 @@ def _agreement(a: np.ndarray, b: np.ndarray, lag: float, length: int) -> SpeedAg
 
 def _agreement_delayed(a: np.ndarray, b: np.ndarray, length: int) -> SpeedAgreement:
     """Agreement of b with a delayed by the best lag (positive: b is late)."""
-    from scipy.signal import correlate
-
     reach = min(MAX_SPEED_LAG, len(a) // 4)
     part = b[reach:len(b) - reach] - b[reach:len(b) - reach].mean()
     n = len(part)
@@ -144,7 +143,7 @@ def _agreement_delayed(a: np.ndarray, b: np.ndarray, length: int) -> SpeedAgreem
     if not np.all(size > 0):
         return _agreement(a, b, 0.0, length)
     # From -reach (b early) to reach (b late).
-    curve = (correlate(a, part, mode="valid", method="fft") / size)[::-1]
+    curve = (scipy.signal.correlate(a, part, mode="valid", method="fft") / size)[::-1]
     height = np.abs(curve)
     # A periodic motion agrees again one period later: climb from the nearest of near equals.
     at, beside, peak = nearest_peak(height, height.max() - 0.1 * max(0.0, 1 - height.max()) - 1e-3,
@@ -172,19 +171,16 @@ def nearest_peak(height: np.ndarray, least: float, distance: np.ndarray) -> tupl
 
 def _agreement_filtered(a: np.ndarray, b: np.ndarray, length: int) -> SpeedAgreement:
     """Agreement of b with a behind the best first-order low-pass (bilinear)."""
-    from scipy.optimize import minimize_scalar
-    from scipy.signal import lfilter
-
     def behind(log_tau):
         tau = np.exp(log_tau)
         transient = min(len(a) // 4, int(5 * tau))  # the filter's unknown start
-        return lfilter([1, 1], [1 + 2 * tau, 1 - 2 * tau], a)[transient:], b[transient:], tau
+        return scipy.signal.lfilter([1, 1], [1 + 2 * tau, 1 - 2 * tau], a)[transient:], b[transient:], tau
 
     def unexplained(log_tau):
         x, y, tau = behind(log_tau)
         return _agreement(x, y, tau, length).unexplained
 
-    best = minimize_scalar(unexplained, bounds=(np.log(0.1), np.log(len(a) / 20)), method="bounded",
+    best = scipy.optimize.minimize_scalar(unexplained, bounds=(np.log(0.1), np.log(len(a) / 20)), method="bounded",
                            options={"xatol": 1e-3})
     x, y, tau = behind(best.x)
     return _agreement(x, y, float(tau), length)

@@ -6,6 +6,7 @@ from collections.abc import Iterable, Iterator
 from functools import cache
 
 import numpy as np
+import scipy
 
 # A choice: up to so many missing values in a row are interpolated for the filter; they stay missing in the result.
 MAX_BRIDGED_SAMPLES = 3
@@ -17,8 +18,6 @@ def low_pass(values: np.ndarray, segments: Iterable[tuple[int, int]], cutoff: fl
     values   (n,), NaN where missing; filtered within each segment
     cutoff   in cycles per sample, below 0.5; each pass has -3 dB there, both together -6 dB
     """
-    from scipy.signal import sosfiltfilt
-
     if not values.any():  # most derivatives of an equation
         return values.copy()
     sections = _sections(order, cutoff)
@@ -32,7 +31,7 @@ def low_pass(values: np.ndarray, segments: Iterable[tuple[int, int]], cutoff: fl
             place = np.arange(b - a)
             even = part if known.all() else np.interp(place, place[known], part[known])
             if len(even) > 3:
-                even = sosfiltfilt(sections, even, padlen=min(padding, len(even) - 1))
+                even = scipy.signal.sosfiltfilt(sections, even, padlen=min(padding, len(even) - 1))
             filtered[a:b] = np.where(known, even, np.nan)
     return filtered
 
@@ -40,9 +39,7 @@ def low_pass(values: np.ndarray, segments: Iterable[tuple[int, int]], cutoff: fl
 @cache  # the regressions of a fit filter a thousand signals by one design, which costs more than the filtering
 def _sections(order: int, cutoff: float) -> np.ndarray:
     """(sections, 6) the Butterworth filter of low_pass."""
-    from scipy.signal import butter
-
-    return butter(order, 2 * cutoff, output="sos")
+    return scipy.signal.butter(order, 2 * cutoff, output="sos")
 
 
 def _bridged_stretches(values: np.ndarray, first: int, last: int) -> Iterator[tuple[int, int]]:

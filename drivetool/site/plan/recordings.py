@@ -16,8 +16,8 @@ from drivetool.errors import BadParameters
 from drivetool.files.disk import RECORDING_SUFFIXES
 from drivetool.files.shapes import MachineSection, RecordingsSection, SiteFile
 from drivetool.files.yaml import load_channel_map
+from drivetool.logs import natural_order
 from drivetool.logs.formats import file_sha256
-from drivetool.logs.formats.tables import natural_order
 from drivetool.progress import counted
 from drivetool.site.plan.site_file import MACHINE_PLACEHOLDER
 from drivetool.site.results import (

@@ -13,7 +13,7 @@ import signal
 import sys
 import threading
 import time
-from contextlib import redirect_stderr, redirect_stdout
+from contextlib import redirect_stderr, redirect_stdout, suppress
 from dataclasses import asdict
 from importlib import import_module
 from importlib.metadata import version
@@ -121,11 +121,8 @@ def _read_header(path: str, channel_map: str | None) -> dict[str, Any]:
 
 def _reset_peak_memory() -> None:
     """Reset the peak resident size, where the system can."""
-    try:
-        with open(PROC_CLEAR_REFS, "w") as file:
-            file.write(CLEAR_PEAK_CODE)
-    except OSError:
-        pass
+    with suppress(OSError), open(PROC_CLEAR_REFS, "w") as file:
+        file.write(CLEAR_PEAK_CODE)
 
 
 def _peak_memory_mb() -> float | None:

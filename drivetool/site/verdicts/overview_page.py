@@ -11,7 +11,7 @@ from urllib.parse import quote
 
 from drivetool.files.pages import rendered
 from drivetool.finding import Finding
-from drivetool.logs.formats.tables import natural_order
+from drivetool.logs import natural_order
 from drivetool.site.results import FIT_FIGURE, Entry
 from drivetool.site.verdicts.cases import Case
 

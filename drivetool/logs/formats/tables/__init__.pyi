@@ -1,1 +1,1 @@
-from .parquet import natural_order as natural_order, read_parquet as read_parquet
+from .parquet import read_parquet as read_parquet

@@ -3,15 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from typing import TYPE_CHECKING
 
 import numpy as np
+import pyarrow as pa
+import pyarrow.compute as pc
 
 from drivetool.errors import BadRecording
 from drivetool.logs.channels import field_path
-
-if TYPE_CHECKING:
-    import pyarrow as pa
 
 # The column, then names of fields and places in lists.
 ColumnPath = tuple[str | int, ...]
@@ -27,8 +25,6 @@ def flat_names(schema: pa.Schema, stamps: Sequence[str]) -> dict[str, ColumnPath
 
 
 def _flat_fields(field: pa.Field, steps: ColumnPath, name: str) -> Iterator[tuple[str, ColumnPath]]:
-    import pyarrow as pa
-
     if pa.types.is_struct(field.type):
         for inner in field.type:
             yield from _flat_fields(inner, (*steps, inner.name), f"{name}.{inner.name}")
@@ -54,8 +50,6 @@ def column_path(text: str, schema: pa.Schema) -> ColumnPath | None:
 
 def field_at(schema: pa.Schema, steps: ColumnPath) -> pa.Field:
     """The Arrow field at the end of the steps; KeyError if there is none."""
-    import pyarrow as pa
-
     if steps[0] not in schema.names:
         raise KeyError(steps[0])
     field = schema.field(steps[0])
@@ -84,9 +78,6 @@ def column_numbers(table: pa.Table, steps: ColumnPath, name: str, log: str) -> n
 
     raises  BadRecording: it holds something else
     """
-    import pyarrow as pa
-    import pyarrow.compute as pc
-
     column = table.column(steps[0])
     for step in steps[1:]:
         column = pc.struct_field(column, step) if isinstance(step, str) else _list_element(column, step)
@@ -103,9 +94,6 @@ def column_numbers(table: pa.Table, steps: ColumnPath, name: str, log: str) -> n
 
 def _list_element(column: pa.ChunkedArray, index: int) -> pa.ChunkedArray:
     """Element `index` of every list; missing where the list is shorter."""
-    import pyarrow as pa
-    import pyarrow.compute as pc
-
     long_enough = pc.greater(pc.fill_null(pc.list_value_length(column), 0), index)
     if not pc.any(long_enough).as_py():
         return pa.chunked_array([pa.nulls(len(column), column.type.value_type)])

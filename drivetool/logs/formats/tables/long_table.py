@@ -2,9 +2,8 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
-
 import numpy as np
+import pyarrow as pa
 
 from drivetool.errors import BadRecording
 from drivetool.finding import Finding
@@ -12,9 +11,6 @@ from drivetool.logs import Channel, Recording
 from drivetool.logs.channels import ChannelMap, Choose
 from drivetool.logs.formats.tables.columns import column_numbers
 from drivetool.logs.formats.tables.table_time import table_time, time_column
-
-if TYPE_CHECKING:
-    import pyarrow as pa
 
 CHANNEL_NAMES = ("channel", "signal", "name", "variable", "tag", "topic", "parameter")
 VALUE_NAMES = ("value", "values", "data")
@@ -26,8 +22,6 @@ def is_long(schema: pa.Schema, channel_map: ChannelMap | None) -> bool:
 
     A map that names columns of the table means them, whatever they are called.
     """
-    import pyarrow as pa
-
     if channel_map and any(entry.channel in schema.names for entry in channel_map.roles.values()):
         return False
     channel, value = _find_column(schema, CHANNEL_NAMES), _find_column(schema, VALUE_NAMES)
@@ -48,8 +42,6 @@ def read_long(tables: list[pa.Table], schema: pa.Schema, log: str, choose: Choos
     raises   BadRecording: no time column, values that are no numbers, a role with a clock of its own, a channel
              in several units
     """
-    import pyarrow as pa
-
     own = [role for role, entry in (channel_map.roles if channel_map else {}).items() if entry.clock]
     if own:
         raise BadRecording(f"one time column for all channels of {log}, which has a row per value",
@@ -95,8 +87,6 @@ def _find_column(schema: pa.Schema, known: tuple[str, ...]) -> str | None:
 
 def _dictionary_codes(table: pa.Table, column: str) -> tuple[list[str | None], np.ndarray]:
     """(texts, (n,) which of them each row has); rows without a text have the last code."""
-    import pyarrow as pa
-
     encoded = table.column(column)
     if not pa.types.is_dictionary(encoded.type):
         encoded = encoded.dictionary_encode()

@@ -2,26 +2,22 @@
 
 from __future__ import annotations
 
-import re
 from collections import Counter
 from collections.abc import Mapping, Sequence
 from contextlib import ExitStack
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 import numpy as np
+import pyarrow as pa
+import pyarrow.parquet as pq
 
 from drivetool.errors import BadRecording
 from drivetool.finding import Finding
-from drivetool.logs import ROLES, Channel, Recording, display_name
+from drivetool.logs import ROLES, Channel, Recording, display_name, natural_order
 from drivetool.logs.channels import ChannelMap, Choose, TimeEntry, resolve_channel
 from drivetool.logs.formats.tables.columns import column_numbers, column_path, flat_names, unit_of
 from drivetool.logs.formats.tables.long_table import is_long, read_long
 from drivetool.logs.formats.tables.table_time import from_step, origin_of, table_time, time_column
-
-if TYPE_CHECKING:
-    import pyarrow as pa
-    import pyarrow.parquet as pq
 
 
 def read_parquet(path: Path, choose: Choose, channel_map: ChannelMap | None,
@@ -74,8 +70,6 @@ def _unique_columns(schema: pa.Schema, log: str) -> tuple[pa.Schema, dict[str, i
 
     raises  BadRecording: there is no such column
     """
-    import pyarrow as pa
-
     counts = Counter(schema.names)
     kept = [field for field in schema if counts[field.name] == 1]
     if schema.names and not kept:
@@ -95,9 +89,6 @@ def _refuse_repeated(repeated: Mapping[str, int], channel_map: ChannelMap | None
 
 def _open_parts(path: Path, stack: ExitStack) -> tuple[list[pq.ParquetFile], list[Finding]]:
     """(the file, or those of the folder that can be read; what cannot be)."""
-    import pyarrow as pa
-    import pyarrow.parquet as pq
-
     parts = sorted(path.rglob("*.parquet"), key=natural_order) if path.is_dir() else [path]
     files, broken, reason = [], [], ""
     for part in parts:
@@ -127,19 +118,12 @@ def _open_parts(path: Path, stack: ExitStack) -> tuple[list[pq.ParquetFile], lis
     return files, findings
 
 
-def natural_order(path: Path) -> list[tuple[int, str]]:
-    """part-2 before part-10."""
-    return [(int(each), "") if each.isdigit() else (-1, each) for each in re.split(r"(\d+)", str(path))]
-
-
 def _read_tables(files: Sequence[pq.ParquetFile], columns: list[str] | None, log: str,
                  findings: list[Finding], lenient: bool = False) -> list[pa.Table]:
     """The columns of every file, files without rows left out; damaged row groups are left out and reported.
 
     raises  BadRecording: nothing is left, unless lenient
     """
-    import pyarrow as pa
-
     tables, lost, groups, problem = [], 0, 0, ""
     for file in files:
         try:
@@ -169,8 +153,6 @@ def _read_tables(files: Sequence[pq.ParquetFile], columns: list[str] | None, log
 def _undamaged_columns(files: Sequence[pq.ParquetFile], columns: list[str],
                        unreadable: dict[str, str]) -> list[str]:
     """The columns without damage; the others and why go into `unreadable`."""
-    import pyarrow as pa
-
     for file in files:
         for column in columns:
             try:
@@ -197,8 +179,6 @@ def _recording(tables: list[pa.Table], schema: pa.Schema, wanted: list[str], nam
 
     unreadable  collects columns that hold no numbers; None: they are refused
     """
-    import pyarrow as pa
-
     if len(tables) > 1 and stamps[None]:
         firsts = [_first_stamp(table_time(each, stamps[None], schema, channel_map and channel_map.time, log))
                   for each in tables]

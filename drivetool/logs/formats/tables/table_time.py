@@ -3,17 +3,15 @@
 from __future__ import annotations
 
 import re
-from typing import TYPE_CHECKING
 
 import numpy as np
+import pyarrow as pa
+import pyarrow.compute as pc
 
 from drivetool.errors import BadRecording
 from drivetool.logs import parse_unit
 from drivetool.logs.channels import TimeEntry, as_seconds, require_time_resolution, unwrap_counter
 from drivetool.logs.formats.tables.columns import column_numbers, column_path, field_at
-
-if TYPE_CHECKING:
-    import pyarrow as pa
 
 TIME_NAMES = ("time", "t", "timestamp", "timestamps", "stamp", "time_stamp", "datetime")
 _TICKS = {"s": 1, "ms": 10**3, "us": 10**6, "ns": 10**9}
@@ -40,9 +38,6 @@ def table_time(table: pa.Table, column: str, schema: pa.Schema, entry: TimeEntry
     entry   what the map says of it, or None
     raises  BadRecording: whole numbers without a unit, or no numbers
     """
-    import pyarrow as pa
-    import pyarrow.compute as pc
-
     steps = column_path(column, schema)
     kind, unit = field_at(schema, steps).type, _time_unit(column, schema, steps, entry)
     if pa.types.is_timestamp(kind) or pa.types.is_duration(kind) or pa.types.is_integer(kind):
@@ -93,8 +88,6 @@ def _time_unit(column: str, schema: pa.Schema, steps: tuple, entry: TimeEntry | 
 
 def _from_ticks(column: pa.ChunkedArray, per_second: int, entry: TimeEntry | None) -> tuple[np.ndarray, float]:
     """Integer time stamps, counted from the first one before they become floats."""
-    import pyarrow.compute as pc
-
     missing = np.asarray(column.is_null().to_numpy())
     ticks = np.array(pc.fill_null(column, 0).to_numpy(), dtype=np.int64)
     known = ticks[~missing] = unwrap_counter(ticks[~missing], entry)
