@@ -273,6 +273,29 @@ class FilterBuffers(NamedTuple):
     states: Float2
 
 
+class ModalSums(NamedTuple):
+    """Signals that are sums of modes, and arrays for the results; complex numbers are pairs of floats.
+
+    rates, weights     (m, n, 2)  signal i is the real part of sum weights exp(rates t), over its first count[i] modes
+    slopes, integrals  (m, n, 2)  weights times and over rates: the derivative, and less the integral from t on
+    count        (m,)
+    now, ratio   (n, 2)     changed
+    times, values (extrema,) of the last signal's extrema, filled from the front
+    found        (m, 2)     integral of the signal's magnitude, and the largest magnitude of its integral up to t
+    """
+
+    rates: Float3
+    weights: Float3
+    slopes: Float3
+    integrals: Float3
+    count: Int1
+    now: Float2
+    ratio: Float2
+    times: Float1
+    values: Float1
+    found: Float2
+
+
 def empty_cache(s: System, laws: Laws | None, addresses: tuple[int, int, int]) -> Cache:
     """An empty cache for the modes of a system; addresses of its units."""
     nx, nz, jet = s.rows.shape
