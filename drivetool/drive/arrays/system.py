@@ -276,12 +276,12 @@ class FilterBuffers(NamedTuple):
 class ModalSums(NamedTuple):
     """Signals that are sums of modes, and arrays for the results; complex numbers are pairs of floats.
 
-    rates, weights     (m, n, 2)  signal i is the real part of sum weights exp(rates t), over its first count[i] modes
-    slopes, integrals  (m, n, 2)  weights times and over rates: the derivative, and less the integral from t on
-    count        (m,)
-    now, ratio   (n, 2)     changed
-    times, values (extrema,) of the last signal's extrema, filled from the front
-    found        (m, 2)     integral of the signal's magnitude, and the largest magnitude of its integral up to t
+    rates, weights     (m, n, 2)  signal i is the real part of sum weights exp(rates t)
+    slopes, integrals  (m, n, 2)  weights times rates, and over rates: of the derivative and an integral
+    count    (m,)          a signal's first so many modes are used
+    step     (2, n, 2)     working storage
+    extrema  (2, extrema)  times and values of the last signal's extrema, filled from the front
+    found    (m, 2)        integral of |signal| from 0 to infinity, and the largest |integral up to t|
     """
 
     rates: Float3
@@ -289,10 +289,8 @@ class ModalSums(NamedTuple):
     slopes: Float3
     integrals: Float3
     count: Int1
-    now: Float2
-    ratio: Float2
-    times: Float1
-    values: Float1
+    step: Float3
+    extrema: Float2
     found: Float2
 
 

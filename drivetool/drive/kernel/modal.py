@@ -1,8 +1,8 @@
 """Extrema and integrals of signals that are sums of modes: the real part of sum weights exp(rates t).
 
-A decaying sum has extrema that separate monotone pieces, each piece has at most one zero, and integrals between zeros
-are closed: no figure depends on a time grid. A step length only sets where extrema are searched; it follows from the
-modes that have not decayed. Complex numbers are pairs of floats here: (n, 2) are n of them.
+Extrema separate monotone pieces of a decaying sum, each piece has at most one zero, and integrals between zeros
+are closed: no figure depends on a time grid. A step length only sets where extrema are searched; it follows from
+the modes that have not decayed. Complex numbers are pairs of floats here: (n, 2) are n of them.
 """
 
 from __future__ import annotations
@@ -57,30 +57,23 @@ def fastest_rate(rates, weights, t, share):
 
 @njit(**COMPILE)
 def crossing(rates, weights, a, b, fa):
-    """The zero of the signal in [a, b]; fa is its value at a.
+    """The zero of the signal between a and b; fa is its value at a.
 
-    Illinois steps, which halve the side that does not move.
+    Illinois steps: the side that does not move counts half.
     """
-    fb, side = modal_sum(rates, weights, b), 0
+    fb = modal_sum(rates, weights, b)
     for _ in range(80):
-        if b - a <= 1e-11 * b or fb == fa:  # integrals are flat at their zeros: an error of 1e-22
+        if abs(b - a) <= 1e-11 * b or fb == 0.0 or fb == fa:  # integrals are flat at their zeros: an error of 1e-22
             break
         t = b - fb * (b - a) / (fb - fa)
-        if not (a < t < b):
+        if not (min(a, b) < t < max(a, b)):
             t = 0.5 * (a + b)
         f = modal_sum(rates, weights, t)
-        if f == 0.0:
-            return t
         if (f > 0.0) == (fb > 0.0):
-            b, fb = t, f
-            if side == 1:
-                fa *= 0.5
-            side = 1
+            fa *= 0.5
         else:
-            a, fa = t, f
-            if side == -1:
-                fb *= 0.5
-            side = -1
+            a, fa = b, fb
+        b, fb = t, f
     return b - fb * (b - a) / (fb - fa) if fb != fa else b
 
 
@@ -106,7 +99,7 @@ def next_slope(now, ratio):
 
 
 @njit(**COMPILE)
-def follow(rates, weights, slopes, integrals, now, ratio, times, values, found):
+def follow(rates, weights, slopes, integrals, now, ratio, turns, found):
     """Follow one signal from extremum to extremum; as in `extrema`."""
     start, size = modal_sum(rates, integrals, 0.0), DECAYED_SHARE * remaining(rates, integrals, 0.0)
     before, total, largest = start, 0.0, abs(start)
@@ -114,7 +107,7 @@ def follow(rates, weights, slopes, integrals, now, ratio, times, values, found):
     slope = modal_sum(rates, slopes, 1e-12 / max(fastest_rate(rates, rates, 0.0, 0.0), 1e-300))
     slope_rounding = CANCELLATION_ROUNDING * remaining(rates, slopes, 0.0)
     for _ in range(MAX_BLOCKS):
-        if remaining(rates, integrals, t) <= size or n >= times.size - BLOCK_STEPS:
+        if remaining(rates, integrals, t) <= size or n >= turns.shape[1] - BLOCK_STEPS:
             break
         h = 0.3 / fastest_rate(rates, slopes, t, 1e-7)
         start_steps(rates, slopes, t, h, now, ratio)
@@ -128,7 +121,7 @@ def follow(rates, weights, slopes, integrals, now, ratio, times, values, found):
                     left = modal_sum(rates, integrals, crossing(rates, weights, a, b, fa))
                     total, largest = total + abs(left - before), max(largest, abs(left - start))
                     before = left
-                times[n], values[n] = b, fb
+                turns[0, n], turns[1, n] = b, fb
                 a, fa, n = b, fb, n + 1
         t += BLOCK_STEPS * h
     found[0], found[1] = total + abs(before), largest
@@ -142,5 +135,5 @@ def extrema(p):
     for i in range(p.count.size):
         kept = p.count[i]
         n = follow(p.rates[i, :kept], p.weights[i, :kept], p.slopes[i, :kept], p.integrals[i, :kept],
-                   p.now[:kept], p.ratio[:kept], p.times, p.values, p.found[i])
+                   p.step[0, :kept], p.step[1, :kept], p.extrema, p.found[i])
     return n

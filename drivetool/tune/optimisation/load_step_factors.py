@@ -55,7 +55,7 @@ def factors(loop: Loop, settings: Settings) -> Factors:
 
 def speed_factors(speed: Modes) -> SpeedFactors:
     """Of a speed error that starts from zero and decays."""
-    (iae, drop), _, values = speed.integrals_and_extrema
+    (iae, drop), (_, values) = speed.integrals_and_extrema
     first, opposite = peaks(values)
     pairs = -(speed.rates[:, None] + speed.rates[None, :])
     return SpeedFactors(
@@ -74,7 +74,7 @@ def peaks(values: np.ndarray) -> tuple[float, float]:
 
 def torque_overshoot(torque: Modes) -> float:
     """Largest torque beyond its final value, in % of it."""
-    *_, values = torque.integrals_and_extrema
+    values = torque.integrals_and_extrema[1][1]
     if not len(values) or abs(torque.rest) < 1e-12 * np.max(np.abs(values)):
         return 0.0
     return float(max(0.0, 100.0 * np.max(values / torque.rest)))

@@ -1,4 +1,4 @@
-"""The step response of a closed loop as a sum of modes, with exact figures: extrema and integrals in closed form."""
+"""The step response of a closed loop as a sum of modes, with exact figures: extrema and closed integrals."""
 
 from __future__ import annotations
 
@@ -12,7 +12,6 @@ from drivetool.drive.arrays import ModalSums, address_of, packed
 from drivetool.drive.compile import function
 
 MAX_EXTREMA = 4096  # stored. A choice: a mode of damping ratio 1e-3 has fewer before it has decayed to 1e-5.
-NEGLIGIBLE = 1e-15  # weight of a mode, relative to the largest
 
 
 def absolute_integrals(rates: np.ndarray, weights: np.ndarray) -> np.ndarray:
@@ -27,19 +26,20 @@ def absolute_integrals(rates: np.ndarray, weights: np.ndarray) -> np.ndarray:
     return found
 
 
-def _follow(rates: np.ndarray, weights: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Both integrals (m, 2) of m signals, and times and values of the extrema of the last."""
+def _follow(rates: np.ndarray, weights: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Both integrals (m, 2) of m signals, and times and values (2, extrema) of the extrema of the last."""
     magnitudes = np.abs(weights)
-    kept = (magnitudes > NEGLIGIBLE * magnitudes.max(axis=1, keepdims=True)) & (rates.imag >= 0.0)
+    kept = (magnitudes > 1e-15 * magnitudes.max(axis=1, keepdims=True)) & (rates.imag >= 0.0)
     order = np.argsort(~kept, axis=1, kind="stable")
     # One mode per conjugate pair, twice.
     rates, weights = (np.take_along_axis(z, order, axis=1) for z in (rates, weights * (1.0 + np.sign(rates.imag))))
     sums = ModalSums(
         *(z.view(float).reshape(*z.shape, 2) for z in (rates, weights, weights * rates, weights / rates)),
-        kept.sum(axis=1), *np.empty((2, rates.shape[1], 2)), *np.empty((2, MAX_EXTREMA)), np.empty((len(rates), 2)))
+        count=kept.sum(axis=1), step=np.empty((2, rates.shape[1], 2)), extrema=np.empty((2, MAX_EXTREMA)),
+        found=np.empty((len(rates), 2)))
     table = packed(sums)
     n = function("extrema")(address_of(table))
-    return sums.found, sums.times[:n], sums.values[:n]
+    return sums.found, sums.extrema[:, :n]
 
 
 @dataclass(frozen=True)
@@ -64,15 +64,14 @@ class Modes:
         return np.real(np.exp(np.outer(time, self.rates)) @ self.weights) + self.rest
 
     @cached_property
-    def integrals_and_extrema(self) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """Integrals (2,) as of `absolute_integrals`; times, and values less the rest, of the extrema after t = 0."""
-        found, times, values = _follow(self.rates[None], self.weights[None])
-        return found[0], times, values
+    def integrals_and_extrema(self) -> tuple[np.ndarray, np.ndarray]:
+        """Integrals (2,) as of `absolute_integrals`; times and values less the rest (2, extrema) after t = 0."""
+        found, extrema = _follow(self.rates[None], self.weights[None])
+        return found[0], extrema
 
     def last_outside(self, band: float) -> float:
         """Last time at which |signal - rest| exceeds the band; 0 if it never does."""
-        _, times, values = self.integrals_and_extrema
-        times, values = np.r_[0.0, times], np.r_[self.weights.sum().real, values]
+        times, values = np.c_[[0.0, self.weights.sum().real], self.integrals_and_extrema[1]]
         out = np.flatnonzero(np.abs(values) > band)
         if not len(out):
             return 0.0
