@@ -29,9 +29,9 @@ def absolute_integrals(rates: np.ndarray, weights: np.ndarray) -> np.ndarray:
 def _follow(rates: np.ndarray, weights: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Both integrals (m, 2) of m signals, and times and values (2, extrema) of the extrema of the last."""
     magnitudes = np.abs(weights)
+    # One mode per conjugate pair, with twice its weight, and no negligible ones.
     kept = (magnitudes > 1e-15 * magnitudes.max(axis=1, keepdims=True)) & (rates.imag >= 0.0)
     order = np.argsort(~kept, axis=1, kind="stable")
-    # One mode per conjugate pair, twice.
     rates, weights = (np.take_along_axis(z, order, axis=1) for z in (rates, weights * (1.0 + np.sign(rates.imag))))
     sums = ModalSums(
         *(z.view(float).reshape(*z.shape, 2) for z in (rates, weights, weights * rates, weights / rates)),
