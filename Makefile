@@ -77,7 +77,7 @@ fixtures: $(VENV)/ready
 
 # The kernel's text for the checkout, after a change of its code: two minutes of processor time.
 kernel: $(VENV)/ready
-	PYTHONHASHSEED=0 $(BIN)/python -m drivetool.drive.kernel.build --lower
+	PYTHONHASHSEED=0 $(BIN)/python -m drivetool.drive.compile.build --lower
 
 schemas: $(VENV)/ready
 	$(BIN)/python -m drivetool.files.shapes.schema schemas

@@ -25,7 +25,7 @@ LOWER["finding"] = {"finding_codes", "results"}
 LOWER["errors"] = LOWER["finding_codes"] = LOWER["quantity"] = LOWER["progress"] = LOWER["results"] = set()
 LOWER["__init__"] = set()
 FREE = {"numpy", "scipy", "drivetool", "msgspec", "lazy_loader"} | set(sys.stdlib_module_names)
-FENCED = {"logs": {"mcap", "pyarrow", "lz4", "zstandard"}, "tune": {"control", "numba"},
+FENCED = {"logs": {"mcap", "pyarrow", "lz4", "zstandard"}, "tune": {"control"},
           "drive": {"llvmlite", "numba"},
           "site": {"dask", "matplotlib"},  # the second for the types of a picture that files draws
           "cli": {"typer", "rich"},
@@ -37,7 +37,7 @@ HEAVY = {"scipy", "numba", "llvmlite", "matplotlib", "pyarrow", "rich", "control
 # And there what `drivetool --help` (test_boundary) and a Parquet log (test_mcap) must not wait for.
 LATER = {"drivetool.cli": {"numpy", "yaml", "msgspec"}, "drivetool.logs.formats.read": {"mcap"}}
 # Modules are loaded by a name that is computed in these files alone; none loads what imports it.
-BY_NAME = {"drivetool.drive.kernel.build", "drivetool.check.causes.catalogue", "drivetool.site.pool.worker"}
+BY_NAME = {"drivetool.drive.compile.build", "drivetool.check.causes.catalogue", "drivetool.site.pool.worker"}
 FACE = "__getattr__, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)"
 
 @pytest.mark.parametrize("path", FILES, ids=lambda path: str(path.relative_to(tree.ROOT)))

@@ -249,13 +249,9 @@ def test_a_folder_that_this_tool_marked_is_one_that_it_removes(places, old):
 
 
 def test_all_files_of_ours_are_removed_with_it(old):
-    """Also the files of a killed compiler, and those of Numba for tune."""
+    """Also the files of a killed compiler."""
     (old / "lock").touch()
     (old / "run.o3fa9.part").touch()
-    for folder in ("tune_5f", "speed_loop_5f"):
-        (old / folder).mkdir()
-        for name in ("response.code", "other.code"):
-            (old / folder / name).touch()
     os.utime(old, (0.0, 0.0))
     code_folder.prune(old.parent / "kernel-now")
     assert not old.exists()
@@ -280,22 +276,21 @@ def test_another_users_folder_stays(monkeypatch, old):
 
 def test_links_lead_nowhere(old, tmp_path):
     """Neither one to a marked folder, nor a marker that is one, nor those inside a folder that is removed."""
-    target = folder_of(tmp_path / "elsewhere" / "tune_target", 40.0)
-    (target / "response.code").touch()
+    target = folder_of(tmp_path / "elsewhere" / "target", 40.0)
     (tmp_path / "kernel-link").symlink_to(target)
     fooled = folder_of(tmp_path / "kernel-fooled", 40.0, marked=False)
     (fooled / code_folder.MARKER).symlink_to(target / code_folder.MARKER)
-    (old / "tune_link").symlink_to(target)
+    (old / "link").symlink_to(target)
     (old / "file.o").symlink_to(target / "run.o")
     os.utime(fooled, (0.0, 0.0))
     os.utime(old, (0.0, 0.0))
     code_folder.prune(tmp_path / "kernel-now")
-    assert {f.name for f in target.iterdir()} == {"run.o", "response.code", code_folder.MARKER}
+    assert {f.name for f in target.iterdir()} == {"run.o", code_folder.MARKER}
     assert (tmp_path / "kernel-link").is_symlink() and (fooled / "run.o").exists()
-    assert {f.name for f in old.iterdir()} == {"tune_link", "file.o", code_folder.MARKER}
+    assert {f.name for f in old.iterdir()} == {"link", "file.o", code_folder.MARKER}
 
 
-@pytest.mark.parametrize("name", ["notes.txt", "records/run.o", "tune_5f/thesis.tex"])
+@pytest.mark.parametrize("name", ["notes.txt", "records/run.o"])
 def test_a_file_of_somebody_else_is_never_removed(old, name):
     (old / name).parent.mkdir(exist_ok=True)
     (old / name).touch()

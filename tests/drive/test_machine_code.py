@@ -33,11 +33,20 @@ plant = plant_of(drive, Layout((), ("motor_torque",), ("motor_speed",), 1e-3, gr
 plant.outputs(Trace(np.full((100, 1), 5.0), np.zeros((100, 1)), 1e-3), np.zeros(3))
 print(*sys.modules)
 """
+TUNING_SCRIPT = """
+import sys
+import numpy as np
+from drivetool.tune.speed_loop import absolute_integrals
+
+assert np.allclose(absolute_integrals(np.array([[-2.0 + 0j]]), np.array([[1.0 + 0j]])), 0.5)
+print(*sys.modules)
+"""
 
 
-def test_what_is_compiled_is_loaded_without_the_compiler():
+@pytest.mark.parametrize("script", [SIMULATION_SCRIPT, TUNING_SCRIPT], ids=["simulation", "tuning"])
+def test_what_is_compiled_is_loaded_without_the_compiler(script):
     for _ in range(2):  # the first may compile, which it does elsewhere
-        done = subprocess.run([sys.executable, "-c", SIMULATION_SCRIPT], capture_output=True, text=True, check=True)
+        done = subprocess.run([sys.executable, "-c", script], capture_output=True, text=True, check=True)
         assert "llvmlite" in done.stdout.split() and "numba" not in done.stdout.split()
 
 
@@ -113,7 +122,7 @@ def test_a_compiler_that_fails_is_an_error_in_a_sentence(monkeypatch, place, tmp
 def compiling(place):
     """A process that compiles a small part into a folder, unless another does."""
     return subprocess.Popen(
-        [sys.executable, "-m", f"{machine_code.KERNEL}.build", str(os.getpid()), str(place),
+        [sys.executable, "-m", "drivetool.drive.compile.build", str(os.getpid()), str(place),
          f"events.{SMALL_UNIT}"],
         env={**os.environ, "PYTHONPATH": os.pathsep.join(sys.path)})
 
@@ -194,7 +203,7 @@ def test_without_the_text_numba_makes_it(place, monkeypatch, tmp_path):
     copy = shutil.copytree(SOURCES.parent, tmp_path / "drivetool",
                            ignore=shutil.ignore_patterns("*.xz", "__pycache__"))
     done = subprocess.run(
-        [sys.executable, "-m", f"{machine_code.KERNEL}.build", str(os.getpid()), str(place),
+        [sys.executable, "-m", "drivetool.drive.compile.build", str(os.getpid()), str(place),
          f"events.{SMALL_UNIT}"],
         env={**os.environ, "PYTHONPATH": str(copy.parent)}, cwd=tmp_path, check=False)
     assert done.returncode == 0 and machine_code.intact_code(SMALL_UNIT) is not None

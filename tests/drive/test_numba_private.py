@@ -33,15 +33,6 @@ USED = {
     "numba.core.compiler:Flags.no_cpython_wrapper": None,
     "numba.core.compiler:Flags.no_cfunc_wrapper": None,
     "numba.core.compiler:Flags.forceinline": None,
-    # code kept between calls, for tune
-    "numba.core.caching:FunctionCache.__init__": "self py_func",
-    "numba.core.caching:IndexDataCacheFile.__init__": "self cache_path filename_base source_stamp",
-    "numba.core.caching:IndexDataCacheFile.load": "self key",
-    "numba.core.caching:IndexDataCacheFile.save": "self key data",
-    "numba.core.caching:IndexDataCacheFile.flush": "self",
-    "numba.core.caching:IndexDataCacheFile._dump": "self obj",
-    "numba.core.caching:CacheImpl.filename_base": None,
-    "numba.core.caching:CacheImpl.locator": None,
     # code of intrinsics
     "numba.core.base:BaseContext.get_value_type": "self ty",
     "numba.core.base:BaseContext.get_dummy_value": "self",
@@ -107,6 +98,14 @@ def test_nobody_else_looks_inside_numba(path):
     assert {m for m in modules if m.split(".")[0] == "numba"} <= {"numba", "numba.extending"}
     assert not {attribute for owner, attribute in attributes if owner in ("context", "cgutils", "arrayobj")}
     assert not {attribute for owner, attribute in attributes if owner == "numba"} - {"njit", "cfunc"}
+
+
+def test_only_what_is_compiled_imports_numba():
+    """And what compiles it: with the text that comes with the sources nothing needs Numba."""
+    found = {path.relative_to(ROOT / "drive").as_posix() for path in ROOT.rglob("*.py")
+             if any(m and m.split(".")[0] == "numba" for m in names_of(path)[0])}
+    outside = {name for name in found if not name.startswith("kernel/")}
+    assert outside == {f"compile/{name}.py" for name in ("compiled", "numba_private", "views")}
 
 
 def test_all_that_the_adapter_takes_is_named_here():

@@ -2,13 +2,10 @@
 
 from __future__ import annotations
 
-import os
 import warnings
 from itertools import pairwise
-from pathlib import Path
 
 import control
-import numba
 import numpy as np
 import pytest
 from hypothesis import given, settings, strategies as st
@@ -18,7 +15,6 @@ from scipy.signal import lti, step
 
 from drivetool.drive import Drive, one_body, two_mass
 from drivetool.drive.chain import vehicle
-from drivetool.drive.compile.code_folder import folder
 from drivetool.errors import BadOption, BadParameters
 from drivetool.tune.optimisation.criteria import criterion, criterion_value, criterion_values, signals
 from drivetool.tune.optimisation.load_step_factors import factors
@@ -31,7 +27,6 @@ from drivetool.tune.optimisation.search import (
     optimum,
     tuning_problem,
 )
-from drivetool.tune.speed_loop import response
 from drivetool.tune.speed_loop.loop import Settings, Wiring, build, path_response, torque_path
 from drivetool.tune.speed_loop.sensitivity import max_sensitivity, plant
 from drivetool.tune.speed_loop.stability_margins import margins
@@ -376,10 +371,3 @@ def test_first_peak_of_the_motor_whose_response_starts_flat(seed):
     after_sign_change = np.flatnonzero(sampled < -1e-6 * sampled.max())
     first = sampled[:after_sign_change[0]].max() if len(after_sign_change) else sampled.max()
     assert factors(loop, at).motor.peak == pytest.approx(first, rel=1e-3)
-
-
-def test_compiled_code_is_kept_in_the_kernels_folder():
-    """Numba's own folders may be read-only, which is an error for Numba, or writable by others."""
-    for part in (response.modal_sum, response.absolute_integrals):
-        assert Path(part.stats.cache_path).parent == folder()
-    assert os.environ.get("NUMBA_CACHE_DIR", "") == numba.config.CACHE_DIR

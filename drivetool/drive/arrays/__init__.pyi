@@ -9,6 +9,7 @@ from .system import (
     Cache as Cache,
     FilterBuffers as FilterBuffers,
     Laws as Laws,
+    ModalSums as ModalSums,
     SimulationBuffers as SimulationBuffers,
     System as System,
     empty_cache as empty_cache,

@@ -273,6 +273,27 @@ class FilterBuffers(NamedTuple):
     states: Float2
 
 
+class ModalSums(NamedTuple):
+    """Signals that are sums of modes, and arrays for the results; complex numbers are pairs of floats.
+
+    rates, weights     (m, n, 2)  signal i is the real part of sum weights exp(rates t)
+    slopes, integrals  (m, n, 2)  weights times rates, and over rates: of the derivative and an integral
+    count    (m,)          a signal's first so many modes are used
+    step     (2, n, 2)     working storage
+    extrema  (2, extrema)  times and values of the last signal's extrema, filled from the front
+    found    (m, 2)        integral of |signal| from 0 to infinity, and the largest |integral up to t|
+    """
+
+    rates: Float3
+    weights: Float3
+    slopes: Float3
+    integrals: Float3
+    count: Int1
+    step: Float3
+    extrema: Float2
+    found: Float2
+
+
 def empty_cache(s: System, laws: Laws | None, addresses: tuple[int, int, int]) -> Cache:
     """An empty cache for the modes of a system; addresses of its units."""
     nx, nz, jet = s.rows.shape

@@ -6,20 +6,12 @@ from .compiled import (
     NO_OVERLAP as NO_OVERLAP,
     as_unit as as_unit,
 )
-from .lowered import ARCHIVES as ARCHIVES, text_of as text_of, write_archive as write_archive
-from .machine_code import (
-    COMPILED_WITH as COMPILED_WITH,
-    address as address,
-    function as function,
-    only_compiler as only_compiler,
-    store as store,
-    symbol as symbol,
-)
-from .numba_private import cached_in_folder as cached_in_folder, defer_code_generation as defer_code_generation
+from .machine_code import address as address, function as function
 from .views import (
     CACHE as CACHE,
     FILTERING as FILTERING,
     LAWS as LAWS,
+    MODES as MODES,
     PASS as PASS,
     REAL as REAL,
     REALS as REALS,

@@ -45,9 +45,7 @@ MARKER = "CACHEDIR.TAG"
 MARKER_CONTENT = b"""Signature: 8a477f597d28d172789f06886806bc55
 # Machine code of drivetool's kernel. It may be deleted at any time, and is compiled again.
 """
-OWN_FILES = ("*.o", "*.part", "lock", "*.lock", "*.code")  # other files written here; the last for tune
-# Folders of the code that tune compiles, of older versions and now. Numba names them after the function's folder.
-NUMBA_FOLDERS = ("tune_*", "speed_loop_*")
+OWN_FILES = ("*.o", "*.part", "lock", "*.lock")  # other files written here
 
 _temporary: list[tempfile.TemporaryDirectory] = []  # removed when this process ends
 
@@ -192,13 +190,9 @@ def _has_marker(folder: Path) -> bool:
 
 def _remove(folder: Path) -> None:
     """Remove this tool's files and then the folder; it stays, with its marker, if it holds other files."""
-    inner = [f for kind in NUMBA_FOLDERS for f in folder.glob(kind) if stat.S_ISDIR(f.lstat().st_mode)]
-    for place in (*inner, folder):
-        for file in list(place.iterdir()):
-            if any(fnmatch.fnmatch(file.name, kind) for kind in OWN_FILES) and stat.S_ISREG(file.lstat().st_mode):
-                file.unlink(missing_ok=True)
-        if place in inner and not any(place.iterdir()):
-            place.rmdir()
+    for file in list(folder.iterdir()):
+        if any(fnmatch.fnmatch(file.name, kind) for kind in OWN_FILES) and stat.S_ISREG(file.lstat().st_mode):
+            file.unlink(missing_ok=True)
     if [f.name for f in folder.iterdir()] == [MARKER]:
         (folder / MARKER).unlink()
         folder.rmdir()

@@ -27,8 +27,7 @@ NO_CODE = re.compile(r'^\s*(?:"""(?:.|\n)*?"""|#.*)?$\n?', re.MULTILINE)
 def source_digest(sources: Path = SOURCES) -> str:
     """Digest of the code that is compiled, without its docstrings, comments and blank lines."""
     files = [sources / "compile" / f"{name}.py" for name in ("compiled", "views", "numba_private")]
-    files += [f for name in ("kernel", "arrays") for f in sorted((sources / name).glob("*.py"))
-              if f.name != "build.py"]
+    files += [f for name in ("kernel", "arrays") for f in sorted((sources / name).glob("*.py"))]
     effects = [(f, f.read_text(encoding="utf-8")) for f in sorted((sources / "effects").glob("*.py"))]
     # Of the effects the laws are compiled, by their place in the catalogue.
     texts = [text for f, text in effects if "def torque(" in text or f.name == "catalogue.py"]

@@ -26,7 +26,7 @@ from drivetool.drive.compile.code_folder import PRIVATE, folder, read_regular, w
 from drivetool.errors import DriveToolError
 from drivetool.progress import FIRST_USE, counted
 
-KERNEL = "drivetool.drive.kernel"  # where the files of the parts are, and `build`, which compiles them
+KERNEL = "drivetool.drive.kernel"  # where the files of the parts are
 
 # The parts, as file.name, and with each the others that are needed too: it calls them, or is used beside them.
 STEP_UNITS = ("events.step_through_events", "modes.compute_mode")
@@ -42,9 +42,10 @@ COMPILED_WITH: Mapping[str, tuple[str, ...]] = MappingProxyType({
        for file, size in (("smooth", ""), *(("smooth_sized", f"_{n}_{nl}") for n in range(1, MOST_STATES + 1)
                                             for nl in range(1, MAX_SIZED_LAWS + 1)))
        for unit in ("motion", "columns", "transition")},
+    "modal.extrema": (),
 })
-# Arguments of the parts that Python calls: tables, then numbers.
-NUMBER_ARGUMENTS = {"run": 1, "kalman": 2}
+# Arguments of the parts that Python calls: tables, one more where there are smooth laws, then numbers.
+ARGUMENTS = {"run": (3, 1), "kalman": (3, 2), "extrema": (1, 0)}
 DIGEST = hashlib.sha256().digest_size  # length of the digest [bytes]
 MAX_COMPILERS = min(os.cpu_count() or 1, 4)  # compilers in parallel; each takes up to 400 MB
 
@@ -80,7 +81,7 @@ def _missing(parts: Iterable[str]) -> list[str]:
 def _compile(parts: list[str]) -> None:
     """Compile parts in a process of their own."""
     # Python imports, and Numba reads settings, from the current folder first: this one has neither.
-    done = subprocess.run([sys.executable, "-m", f"{KERNEL}.build", str(os.getpid()), str(folder()), *parts],
+    done = subprocess.run([sys.executable, "-m", f"{__package__}.build", str(os.getpid()), str(folder()), *parts],
                           capture_output=True, text=True, env=_environment(), cwd=folder())
     if done.returncode != 0:
         last = (done.stderr.strip().splitlines() or ["no reason given"])[-1]
@@ -182,6 +183,6 @@ def symbol(name: str) -> str:
 def function(name: str):
     """A part that Python calls with addresses of tables, then numbers; other threads run meanwhile."""
     kind, _, variant = name.partition("_")
-    tables, numbers = (4 if variant == "laws" else 3), NUMBER_ARGUMENTS[kind]
-    kinds = [ctypes.c_void_p] * tables + [ctypes.c_double] * numbers
+    tables, numbers = ARGUMENTS[kind]
+    kinds = [ctypes.c_void_p] * (tables + (variant == "laws")) + [ctypes.c_double] * numbers
     return ctypes.CFUNCTYPE(ctypes.c_int64, *kinds)(address(name))

@@ -6,20 +6,14 @@ change any of this without notice: a test lists each item, and pyproject.toml bo
 
 from __future__ import annotations
 
-import hashlib
-import pickle
-from collections.abc import Callable, Sequence
-from pathlib import Path
+from collections.abc import Sequence
 
 from llvmlite import ir
-from numba import config, njit, types
+from numba import types
 from numba.core import cgutils, codegen
-from numba.core.caching import FunctionCache, IndexDataCacheFile
 from numba.core.compiler import Compiler
 from numba.core.typing.templates import AttributeTemplate
 from numba.np.arrayobj import populate_array
-
-from drivetool.drive.compile.code_folder import folder, read_regular, write_whole
 
 __all__ = ["AttributeTemplate"]  # for modules that describe attributes of a type
 
@@ -35,53 +29,6 @@ class NoOverlap(Compiler):
     def __init__(self, typingctx, targetctx, library, args, return_type, flags, locals):
         flags.noalias = True
         super().__init__(typingctx, targetctx, library, args, return_type, flags, locals)
-
-
-class DigestCacheFile(IndexDataCacheFile):
-    """Compiled code of one function, by signature, in one file that starts with a digest.
-
-    Numba unpickles its own two files unchecked: damaged ones crash the process, or run code of another function.
-    """
-
-    def flush(self):
-        write_whole(self._place(), b"")
-
-    def load(self, key):
-        entry = self._entries().get(key)
-        return None if entry is None else pickle.loads(entry)
-
-    def save(self, key, data):
-        content = pickle.dumps((self._version, self._source_stamp, {**self._entries(), key: self._dump(data)}))
-        write_whole(self._place(), self._digest(content) + content)
-
-    def _entries(self) -> dict:
-        """Empty if the file is missing, damaged, another function's, or of other sources."""
-        content = read_regular(self._place()) or b""
-        size = hashlib.sha256().digest_size
-        if content[:size] != self._digest(content[size:]):
-            return {}
-        version, stamp, entries = pickle.loads(content[size:])
-        return entries if (version, stamp) == (self._version, self._source_stamp) else {}
-
-    def _digest(self, content: bytes) -> bytes:
-        return hashlib.sha256(f"{folder().name}/{self._index_name}\n".encode() + content).digest()
-
-    def _place(self) -> Path:
-        return Path(self._index_path).with_suffix(".code")
-
-
-def cached_in_folder(function: Callable, **options) -> Callable:
-    """Compile at the first call, and store the code in the kernel's folder; options as of numba.njit."""
-    setting, config.CACHE_DIR = config.CACHE_DIR, str(folder())
-    try:
-        cache = FunctionCache(function)
-    finally:
-        config.CACHE_DIR = setting
-    cache._cache_file = DigestCacheFile(
-        cache._cache_path, cache._impl.filename_base, cache._impl.locator.get_source_stamp())
-    compiled = njit(**options)(function)
-    compiled._cache = cache
-    return compiled
 
 
 def defer_code_generation() -> None:

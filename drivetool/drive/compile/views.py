@@ -6,7 +6,7 @@ from llvmlite import ir
 from numba import types
 from numba.extending import infer_getattr, lower_getattr_generic, models, register_model
 
-from drivetool.drive.arrays import Cache, FilterBuffers, Laws, SimulationBuffers, System, fields
+from drivetool.drive.arrays import Cache, FilterBuffers, Laws, ModalSums, SimulationBuffers, System, fields
 from drivetool.drive.compile.numba_private import AttributeTemplate, array_of
 
 WORD = 8  # bytes; all numbers are float64 or int64
@@ -59,5 +59,5 @@ def _member(context, builder, pointer, value, name):
     return array_of(context, builder, kind, word(0), shape, strides, WORD)
 
 
-SYSTEM, CACHE, LAWS, PASS, FILTERING = (Pointer(kind)
-                                        for kind in (System, Cache, Laws, SimulationBuffers, FilterBuffers))
+SYSTEM, CACHE, LAWS, PASS, FILTERING, MODES = (
+    Pointer(kind) for kind in (System, Cache, Laws, SimulationBuffers, FilterBuffers, ModalSums))

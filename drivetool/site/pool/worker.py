@@ -63,7 +63,7 @@ def _write_answer(outbound: IO[str], content: dict[str, Any]) -> None:
 
 def library_versions() -> dict[str, str]:
     """The library versions on which the numbers of a result depend."""
-    return {"drivetool": drivetool.__version__, **{name: version(name) for name in ("numpy", "scipy", "numba")}}
+    return {"drivetool": drivetool.__version__, **{name: version(name) for name in ("numpy", "scipy", "llvmlite")}}
 
 
 def run_task(task: dict[str, Any], runner: str) -> dict[str, Any]:

@@ -64,7 +64,7 @@ def criterion_values(loop: Loop, wanted: Criterion, gain: np.ndarray, integral_t
                                loop.outputs(names, gain, integral_time, second))
     total = np.zeros(len(rates))
     for k, name in enumerate(names):
-        total += _closed_integral(wanted, rates, np.ascontiguousarray(weights[:, k] * wanted.weights[name]))
+        total += _closed_integral(wanted, rates, weights[:, k] * wanted.weights[name])
     total[~(rates.real.max(axis=1) < 0.0) | ~np.isfinite(total)] = np.inf
     return total
 
@@ -79,8 +79,7 @@ def impact_drops(loop: Loop, names: Sequence[str], gain: np.ndarray, integral_ti
     """(m, ny) largest |integral| of signals at m settings; infinite where unstable."""
     rates, weights = decompose(loop.matrices(gain, integral_time, second), loop.b,
                                loop.outputs(names, gain, integral_time, second))
-    return np.column_stack([absolute_integrals(rates, np.ascontiguousarray(weights[:, k]))[:, 1]
-                            for k in range(len(names))])
+    return np.column_stack([absolute_integrals(rates, weights[:, k])[:, 1] for k in range(len(names))])
 
 
 def signals(loop: Loop, settings: Settings, names: Sequence[str]) -> dict[str, Modes]:

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from drivetool.tune.optimisation.criteria import signals
-from drivetool.tune.speed_loop import Loop, Modes, Settings, absolute_integral
+from drivetool.tune.speed_loop import Loop, Modes, Settings
 
 SETTLING_BAND = 0.05  # of the first peak: the usual 5 % settling time
 
@@ -55,9 +55,8 @@ def factors(loop: Loop, settings: Settings) -> Factors:
 
 def speed_factors(speed: Modes) -> SpeedFactors:
     """Of a speed error that starts from zero and decays."""
-    _, values = speed.extrema()
+    (iae, drop), (_, values) = speed.integrals_and_extrema
     first, opposite = peaks(values)
-    iae, drop = absolute_integral(speed.rates, speed.weights)
     pairs = -(speed.rates[:, None] + speed.rates[None, :])
     return SpeedFactors(
         first, float(drop), 100.0 * opposite / first, speed.last_outside(SETTLING_BAND * first),
@@ -75,7 +74,7 @@ def peaks(values: np.ndarray) -> tuple[float, float]:
 
 def torque_overshoot(torque: Modes) -> float:
     """Largest torque beyond its final value, in % of it."""
-    _, values = torque.extrema()
+    values = torque.integrals_and_extrema[1][1]
     if not len(values) or abs(torque.rest) < 1e-12 * np.max(np.abs(values)):
         return 0.0
     return float(max(0.0, 100.0 * np.max(values / torque.rest)))

@@ -12,7 +12,6 @@ from .loop import (
 )
 from .response import (
     Modes as Modes,
-    absolute_integral as absolute_integral,
     absolute_integrals as absolute_integrals,
     decompose as decompose,
 )

@@ -20,7 +20,8 @@ from pathlib import Path
 
 from llvmlite import binding as llvm
 
-from drivetool.drive.compile import ARCHIVES, COMPILED_WITH, only_compiler, store, symbol, text_of, write_archive
+from drivetool.drive.compile.lowered import ARCHIVES, SOURCES, text_of, write_archive
+from drivetool.drive.compile.machine_code import COMPILED_WITH, KERNEL, only_compiler, store, symbol
 
 # Functions that Numba's wrapper calls to pass on an exception. The kernel raises none, and its code may be loaded
 # without Numba: a call of one of them becomes a trap.
@@ -32,12 +33,12 @@ PR_SET_PDEATHSIG = 1  # of <linux/prctl.h>
 
 def lowered(part: str) -> str:
     """The LLVM text of a part, made by Numba."""
-    from drivetool.drive.compile import defer_code_generation
+    from drivetool.drive.compile.numba_private import defer_code_generation
 
     defer_code_generation()
     gc.disable()  # all objects are needed until the process ends
     file, name = part.split(".")
-    made = getattr(importlib.import_module(f"{__package__}.{file}"), name).made()
+    made = getattr(importlib.import_module(f"{KERNEL}.{file}"), name).made()
     code = TARGET_LINES.sub("", made.inspect_llvm().replace(made.native_name, symbol(name)))
     code = INTERPRETER_CALLS.sub(r"define internal \1 {\n  call void @llvm.trap()\n  unreachable\n}", code)
     return code if "declare void @llvm.trap()" in code else f"{code}\ndeclare void @llvm.trap()\n"
@@ -95,7 +96,7 @@ def compile_parts(place: Path, parts: Sequence[str]) -> None:
 
 if __name__ == "__main__":
     if sys.argv[1] == "--lower":
-        lower_all(Path(__file__).parent)
+        lower_all(SOURCES / "kernel")
     else:
         end_with(int(sys.argv[1]))
         compile_parts(Path(sys.argv[2]), sys.argv[3:])
