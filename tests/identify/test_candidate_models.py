@@ -165,7 +165,8 @@ def test_of_a_measured_torque_only_candidates_without_a_noise_model_count():
 
 def test_every_kind_of_candidate_has_words():
     assert set(explanation.RESIDUAL_SENTENCES) == {name.partition(",")[0] for name in ALL}
-    assert {*explanation.COMPARED_CANDIDATES, *explanation.WITHOUT_LAWS} == set(ALL)
+    # The rival of a transmission's loss is compared with, and never chosen.
+    assert {*explanation.COMPARED_CANDIDATES, *explanation.WITHOUT_LAWS} == {*ALL, explanation.OTHER_SHARE}
 
 
 def test_what_runs_away_is_never_chosen():

@@ -14,6 +14,7 @@ from drivetool.identify.laws.laws import MIN_DIRECTION_SHARE, Law
 from drivetool.identify.motion import Motion, Motions
 from drivetool.identify.noise import filtered
 from drivetool.identify.setup import Outcome
+from drivetool.quantity import name_of
 
 NAME = "friction that grows with the torque transmitted"
 
@@ -49,7 +50,7 @@ def _required(outcome: Outcome, motion: Motion) -> np.ndarray:
     """(n,) torque that the motion of the last body requires behind the transmission, by the parameters of a fit."""
     drive = outcome.drive
     inertia = drive.inertias()[-1]
-    viscous, coulomb, idle = (drive.known_value(f"{drive.bodies[-1]}.{n}") or 0.0
+    viscous, coulomb, idle = (drive.known_value(name_of(drive.bodies[-1], n)) or 0.0
                               for n in ("viscous", "coulomb", "idle_torque"))
     return inertia * motion.acceleration + viscous * motion.speed + coulomb * motion.side + idle
 
