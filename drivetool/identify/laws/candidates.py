@@ -18,7 +18,7 @@ from drivetool.identify.laws.fit_with_laws import fit_with_selected_laws, likeli
 from drivetool.identify.laws.free_run_test import MIN_MEANS_PER_RUN, FreeRunTest, run_length
 from drivetool.identify.laws.influence import influence_of, scores_of
 from drivetool.identify.laws.law_selection import with_laws
-from drivetool.identify.laws.laws import Law, law_library, measurement_noise_law
+from drivetool.identify.laws.laws import Law, law_library, measurement_noise_law, places_of
 from drivetool.identify.laws.projected_parameters import projection_of_laws
 from drivetool.identify.laws.regression import Regression, is_regressable, regress
 from drivetool.identify.laws.transmission import NAME as TRANSMISSION_LAW, transmission_law
@@ -115,6 +115,9 @@ def candidates_of(white: Outcome, held: Sequence[str] = ()) -> CandidateSet:
         every = [law for law in (*laws_of(task, motions), *transmission_law(found["coloured"], motions))
                  if law.parameter not in (*held, *task.free)]
         laws, best = fit_with_selected_laws(found["coloured"], every, seen, linear)
+        if turned := _turned_laws(laws, best):  # further laws have turned their sign: they make up for others
+            laws, best = fit_with_selected_laws(found["coloured"], [law for law in every if law not in turned],
+                                                seen, linear)
         freed = [law.parameter for law in laws if law.parameter]
         if not freed:
             laws, best, rival = with_transmitted_torque(task, laws, best, seen)
@@ -194,6 +197,13 @@ def laws_of(task: Task, motions: Mapping[str, Motions]) -> list[Law]:
             seen = replace(seen, each=tuple(replace(m, side=m.side * ~m.slow) for m in seen.each))
         found += law_library(seen, task.drive.motion_unit == "rad", body, name_suffix)
     return found
+
+
+def _turned_laws(laws: Sequence[Law], best: Outcome) -> list[Law]:
+    """Losses whose fitted factor is negative, as none is."""
+    first = len(best.task.free) - sum(law.size for law in laws)
+    return [law for law, place in zip(laws, places_of(laws, first), strict=True)
+            if law.name.startswith(TRANSMISSION_LAW) and not best.solution.point.values[place.start] > 0.0]
 
 
 def with_transmitted_torque(task: Task, laws: tuple[Law, ...], best: Outcome,

@@ -12,7 +12,7 @@ from dataclasses import replace
 import numpy as np
 
 from drivetool.identify.laws.influence import add_products
-from drivetool.identify.laws.laws import MEASUREMENT_NOISE, Law, places_of
+from drivetool.identify.laws.laws import Law, places_of
 from drivetool.identify.noise import Noise, filtered, with_disturbance_state
 from drivetool.identify.problem import Point, nonzero_scale
 from drivetool.identify.setup import Task, has_gap
@@ -73,16 +73,17 @@ def forward_selection(sums: np.ndarray, count: int, fitted: int, laws: Sequence[
     chosen, base = [], np.arange(fitted)
     places = [np.arange(own.start, own.stop) for own in places_of(laws, fitted)]
     error, largest_gain, whole = _cross_validation_error(sums, base), 0.0, sums.sum(axis=0)
-    # At most all of the noise acts on the drive. A factor beyond that is sensor noise, fed back to the torque.
     if not error > 0.0:
         return [], np.empty(0)
-    possible = [i for i, law in enumerate(laws)
-                if law.name != MEASUREMENT_NOISE
-                or -_least_squares(whole, np.concatenate([base, places[i]]))[-1] > 0.0]
-    while len(chosen) < min(max_laws, len(possible)):
-        error_with = {i: _cross_validation_error(sums,
-                                                 np.concatenate([base, *(places[j] for j in chosen), places[i]]))
-                      for i in possible if i not in chosen}
+    while len(chosen) < max_laws:
+        # At most all of the noise acts on the drive: a factor beyond that is sensor noise, fed back to the torque.
+        # And no transmission gains torque: one that seems to makes up for a torque that is not the drive's.
+        before = np.concatenate([base, *(places[j] for j in chosen)])
+        with_each = {i: np.concatenate([before, places[i]]) for i in range(len(laws)) if i not in chosen}
+        error_with = {i: _cross_validation_error(sums, columns) for i, columns in with_each.items()
+                      if not laws[i].positive or -_least_squares(whole, columns)[-laws[i].size] > 0.0}
+        if not error_with:
+            break
         best = min(error_with, key=error_with.__getitem__)
         gain = 0.5 * count * np.log(error / error_with[best])
         if gain < max(min_gain, MIN_GAIN_SHARE * largest_gain):

@@ -46,6 +46,7 @@ class Law:
     inertia  (m,) of which it has this share
     body     that it brakes
     parameter  of the drive that the law is equal to, to be freed in its place
+    positive   whether its first factor is positive in any drive
     """
 
     name: str
@@ -54,6 +55,7 @@ class Law:
     inertia: np.ndarray | None = None
     body: str = "motor"
     parameter: str = ""
+    positive: bool = False
 
     @property
     def size(self) -> int:
@@ -72,7 +74,8 @@ def measurement_noise_law(noise: Sequence[np.ndarray]) -> tuple[Law, ...]:
     noise  per experiment (n,) what is likely to be noise of the logged torque
     """
     size = float(np.sqrt(np.mean(np.concatenate(noise) ** 2)))
-    return (Law(MEASUREMENT_NOISE, tuple(n[:, None] / size for n in noise), "nothing"),) if size > 0.0 else ()
+    return (Law(MEASUREMENT_NOISE, tuple(n[:, None] / size for n in noise), "nothing",
+                positive=True),) if size > 0.0 else ()
 
 
 def law_library(body_motions: Motions, turns: bool, body: str = "motor", name_suffix: str = "") -> tuple[Law, ...]:

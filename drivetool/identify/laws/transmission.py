@@ -39,11 +39,14 @@ def transmission_law(outcome: Outcome, motions: Mapping[str, Motions],
         rotor = [way * motion.acceleration] if len(outcome.drive.bodies) == 1 else []
         columns.append(np.column_stack([0.5 * way * (before + behind), *rotor]))
         ways.append(way[~motion.slow & np.isfinite(way)])
-    driven, size = np.concatenate(ways) < 0.0, np.sqrt(np.nanmean(np.concatenate(columns) ** 2, axis=0))
-    if not MIN_DIRECTION_SHARE < np.mean(driven) < 1.0 - MIN_DIRECTION_SHARE or not size.min() > 0.0:
+    driven = np.concatenate(ways) < 0.0
+    if not driven.size or not MIN_DIRECTION_SHARE < np.mean(driven) < 1.0 - MIN_DIRECTION_SHARE:
+        return ()
+    size = np.sqrt(np.nanmean(np.concatenate(columns) ** 2, axis=0))
+    if not size.min() > 0.0:
         return ()
     name = f"{NAME}, on the {body}" if len(motions) > 1 else NAME
-    return (Law(name, tuple(c / size for c in columns), "nothing", None, body),)
+    return (Law(name, tuple(c / size for c in columns), "nothing", None, body, positive=True),)
 
 
 def _required(outcome: Outcome, motion: Motion) -> np.ndarray:
