@@ -9,6 +9,7 @@ from drivetool.drive.assemble import Layout
 from drivetool.drive.linearise import state_space
 from drivetool.drive.simulation.augment import plant_of
 from drivetool.drive.simulation.simulate import Trace
+from tests.drive.from_rest import outputs_of, sensitivity_errors
 from tests.drive.test_kernel import STEP, drive_of, levels, rms
 from tests.simulator.fast import simulate_fast
 from tests.simulator.machine import Machine, State
@@ -23,14 +24,6 @@ CASES = {
     "with a gear": replace(LIGHT, ratio=(3.0,)),
 }
 EACH_CASE = pytest.mark.parametrize("name", CASES)
-OUTPUTS = ("motor_speed", "load_speed", "shaft_torque")
-
-
-def outputs_of(drive, torque, free=(), start=None):
-    plant = plant_of(drive, Layout(tuple(free), ("motor_torque",), OUTPUTS, STEP, gradient=bool(free)))
-    trace = Trace(torque[:, None], np.zeros((len(torque), 3)), STEP)
-    start = np.zeros(plant.nx) if start is None else np.array(start)
-    return plant.jacobian(trace, start) if free else plant.outputs(trace, start)
 
 
 @EACH_CASE
@@ -49,14 +42,8 @@ def test_sensitivities_are_the_derivatives(name):
     """Over a record that is short enough for its sensitivities to grow by ten only."""
     drive, torque = drive_of(CASES[name]), levels(CASES[name], 800, 3, share=0.5)
     free = ["motor.inertia", "shaft.stiffness", "shaft.damping", "shaft.half_gap"]
-    _, jacobian = outputs_of(drive, torque, free)
-    for k, parameter in enumerate(free):
-        size = 1e-6 * drive.value(parameter)
-        up, down = (outputs_of(replace(drive, values={**drive.values, parameter: drive.value(parameter) + step}),
-                               torque) for step in (size, -size))
-        expected = (up - down) / (2.0 * size)
-        error = np.abs(jacobian[:, 0, k] - expected[:, 0])
-        assert np.quantile(error, 0.9) < 1e-5 * np.abs(expected[:, 0]).max(), parameter
+    for parameter, error in sensitivity_errors(drive, torque, free, 0, 1e-6).items():
+        assert np.quantile(error, 0.9) < 1e-5, parameter
 
 
 def test_a_record_may_begin_in_the_gap_or_in_contact():

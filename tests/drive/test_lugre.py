@@ -5,12 +5,10 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from drivetool.drive.assemble import Layout
 from drivetool.drive.chain import one_body
 from drivetool.drive.effects.lugre import start
-from drivetool.drive.simulation.augment import plant_of
-from drivetool.drive.simulation.simulate import Trace
 from drivetool.errors import BadParameters
+from tests.drive.from_rest import outputs_of, sensitivity_errors
 from tests.drive.test_kernel import STEP, drive_of, levels, rms
 from tests.simulator.effects import Effects
 from tests.simulator.fast import simulate_fast
@@ -52,14 +50,6 @@ def case_of(name, size=2000):
     return replace(machine, effects=effects), drive_with(*CASES[name]), torque
 
 
-def outputs_of(drive, torque, free=()):
-    roles = tuple(f"{body}_speed" for body in drive.bodies)
-    plant = plant_of(drive, Layout(tuple(free), ("motor_torque",), roles, STEP, gradient=bool(free)))
-    trace = Trace(torque[:, None], np.zeros((len(torque), len(roles))), STEP)
-    start = np.zeros(plant.nx)
-    return plant.jacobian(trace, start) if free else plant.outputs(trace, start)
-
-
 @EACH_CASE
 def test_against_the_independent_simulator(name):
     machine, drive, torque = case_of(name)
@@ -76,14 +66,8 @@ def test_sensitivities_are_the_derivatives(name):
     _, drive, torque = case_of(name)
     free = [n for n in drive.values if n.rpartition(".")[2] in (
         "bristle_stiffness", "bristle_damping", "coulomb", "stribeck", "stribeck_speed", "inertia")]
-    _, jacobian = outputs_of(drive, torque, free)
-    for k, parameter in enumerate(free):
-        size = 3e-5 * drive.value(parameter)
-        up, down = (outputs_of(replace(drive, values={**drive.values, parameter: drive.value(parameter) + step}),
-                               torque)[:, 0] for step in (size, -size))
-        expected = (up - down) / (2.0 * size)
-        error = np.abs(jacobian[:, 0, k] - expected)
-        assert (np.quantile(error, [0.5, 0.99]) < np.array([1e-5, 1e-4]) * np.abs(expected).max()).all(), parameter
+    for parameter, error in sensitivity_errors(drive, torque, free, 0, 3e-5).items():
+        assert (np.quantile(error, [0.5, 0.99]) < [1e-5, 1e-4]).all(), parameter
 
 
 def test_stiff_bristles_are_coulomb_and_stribeck_friction():

@@ -7,8 +7,8 @@ from functools import cache
 
 import numpy as np
 import pytest
-from scipy.stats import binomtest
 
+from tests.coverage_of import distances, interval, judge_coverage
 from tests.study.study_gap_laws import TWIST_TORQUE, fitted, gap_rig
 
 LAWS = ("inside", "always", "contact")
@@ -32,18 +32,12 @@ def found_in(seed, law):
     estimate = fitted(machine, seed)
     lines, errors = {p.name: p for p in estimate.parameters}, []
     for name, true in (("shaft.half_gap", machine.half_gap[0]), ("shaft.damping", machine.damping[0])):
-        p = lines[name]
-        stds = (p.std or 0.0, (p.std if p.std_noise is None else p.std_noise) or 0.0)
-        errors.append([abs(p.value - true) / s if s else np.inf for s in stds])
+        errors.append(distances(lines[name], true))
     text = " ".join(f.text for f in estimate.findings if f.code == "gap-law")
     said = ("tie" if "does not distinguish" in text else "nothing" if "supports one law" not in text else
             "right" if estimate.drive.damping_law == law else "wrong")
     print(f"\n{law} {seed}: {said}; {np.round(errors, 2).tolist()}; {text}", end="", flush=True)
     return said, np.array(errors)
-
-
-def interval(k, n, confidence):
-    return binomtest(int(k), n).proportion_ci(confidence)
 
 
 @pytest.mark.slow
@@ -67,12 +61,5 @@ def test_coverage_where_the_shaft_relaxes_in_the_gap():
     """The mean over gap and damping, by noise, lies between 0.92 and 0.97 unless its 99 % interval is beyond."""
     found = np.array([found_in(seed, "contact")[1] for seed in range(FIRST_SEED, FIRST_SEED + RECORDS)])
     stated = np.isfinite(found).all(axis=(1, 2))
-    within, n = (found[stated] < 1.96).sum(axis=0), int(stated.sum())
-    print(f"\nstated in {n} of {RECORDS}; half gap, damping within (ci95, by noise): {within.tolist()} of {n}; rms "
-          f"{np.sqrt(np.mean(found[stated]**2, axis=0)).round(2).tolist()}", end="")
-    for part, k in zip(("ci95", "noise"), within.sum(axis=0), strict=True):
-        low, high = interval(k, 2 * n, 0.99)
-        print(f"\n{part}: {k} of {2 * n}, {k / (2 * n):.3f}, 99 % interval {low:.3f} to {high:.3f}", end="")
-        assert high > 0.92 and (part == "ci95" or low < 0.97)
-    assert all(interval(k, n, 1.0 - 0.01 / 2)[1] > 0.92 for k in within[:, 1])
-    assert n > 0.8 * RECORDS
+    judge_coverage(dict(zip(("half gap", "damping"), found[stated].swapaxes(0, 1), strict=True)))
+    assert stated.sum() > 0.8 * RECORDS

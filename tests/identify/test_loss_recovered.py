@@ -10,7 +10,6 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from scipy.stats import binomtest
 
 from drivetool.drive import Layout, one_body, two_mass
 from drivetool.drive.simulation import Trace, plant_of
@@ -18,6 +17,7 @@ from drivetool.identify.greybox.estimator import greybox
 from drivetool.identify.setup import first_states, roles_of
 from drivetool.identify.setup.options import Options
 from drivetool.identify.setup.task import Task
+from tests.coverage_of import distances, judge_coverage
 from tests.recover import STEP, experiment, truth
 from tests.simulator.effects import Effects
 from tests.simulator.fast import simulate_fast
@@ -92,9 +92,7 @@ def errors(records):
     for seed in range(FIRST_SEED, FIRST_SEED + records):
         values, lines = fitted(seed)
         for name, p in lines.items():
-            stds = (p.std or 0.0, (p.std if p.std_noise is None else p.std_noise) or 0.0)
-            row = [abs(p.value - values[name]) / s if s else np.inf for s in stds]
-            found.setdefault((machine_of(seed).bodies, name), []).append(row)
+            found.setdefault((machine_of(seed).bodies, name), []).append(distances(p, values[name]))
     return {name: np.array(rows) for name, rows in found.items()}
 
 
@@ -147,10 +145,6 @@ def test_a_drive_starts_as_in_steady_running(speed, pull):
     np.testing.assert_allclose(plant.outputs(trace, start), y, rtol=1e-9)
 
 
-def interval(k, n, confidence):
-    return binomtest(int(k), n).proportion_ci(confidence)
-
-
 @pytest.mark.slow
 def test_the_loss_is_recovered_with_intervals_that_hold():
     """26 intervals. Of right ones more than five miss once in 660 times, of such of half the width in 9 of 10."""
@@ -161,19 +155,4 @@ def test_the_loss_is_recovered_with_intervals_that_hold():
 
 @pytest.mark.study
 def test_coverage_of_the_loss():
-    """The mean over parameters, by noise, lies between 0.92 and 0.97 unless its whole 99 % interval is beyond.
-
-    The interval counts the parameters of one record as independent, so it is rather too narrow.
-    """
-    found = errors(RECORDS)
-    for (bodies, name), rows in found.items():
-        (ci95, noise), n = (rows < 1.96).sum(axis=0), len(rows)
-        print(f"\n{bodies} {name}: by ci95 {ci95}, by noise {noise} of {n}; rms of error over std "
-              f"{np.sqrt(np.mean(rows**2, axis=0)).round(2)}, most {rows.max(axis=0).round(1)}", end="")
-    within, n = (np.concatenate(list(found.values())) < 1.96).sum(axis=0), sum(map(len, found.values()))
-    for part, k in zip(("ci95", "noise"), within, strict=True):
-        low, high = interval(k, n, 0.99)
-        print(f"\n{part}: {k} of {n}, {k / n:.3f}, 99 % interval {low:.3f} to {high:.3f}")
-        assert high > 0.92 and (part == "ci95" or low < 0.97)
-    assert all(interval((rows[:, 1] < 1.96).sum(), len(rows), 1.0 - 0.01 / len(found))[1] > 0.92
-               for rows in found.values())
+    judge_coverage(errors(RECORDS))

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from scipy.stats import binomtest
 
 from drivetool.drive import one_body, two_mass
 from drivetool.identify.greybox.estimator import greybox
@@ -13,6 +12,7 @@ from drivetool.identify.motion import motions_of
 from drivetool.identify.setup.options import Options
 from drivetool.identify.setup.setup import first_point, roles_of
 from drivetool.identify.setup.task import Task
+from tests.coverage_of import distances, judge_coverage
 from tests.recover import STEP, experiment, truth
 from tests.simulator.effects import Effects
 from tests.simulator.fast import simulate_fast
@@ -74,8 +74,7 @@ def errors(records):
     for seed in range(FIRST_SEED, FIRST_SEED + records):
         values, lines = fitted(seed)
         for name, p in lines.items():
-            stds = (p.std or 0.0, (p.std if p.std_noise is None else p.std_noise) or 0.0)
-            found.setdefault(name, []).append([abs(p.value - values[name]) / s if s else np.inf for s in stds])
+            found.setdefault(name, []).append(distances(p, values[name]))
     return {name: np.array(rows) for name, rows in found.items()}
 
 
@@ -105,10 +104,6 @@ def test_without_gaps_the_bristles_still_carry_their_friction():
     assert np.isfinite(problem.normal(first_point(task.drive, problem, task.roles)).cost)
 
 
-def interval(k, n, confidence):
-    return binomtest(int(k), n).proportion_ci(confidence)
-
-
 @pytest.mark.slow
 def test_lugre_friction_is_recovered_with_intervals_that_hold():
     """28 intervals. Of right ones more than five miss once in 400 times, of such of half the width in 13 of 14."""
@@ -119,19 +114,4 @@ def test_lugre_friction_is_recovered_with_intervals_that_hold():
 
 @pytest.mark.study
 def test_coverage_of_lugre_friction():
-    """The mean over parameters, by noise, lies between 0.92 and 0.97 unless its whole 99 % interval is beyond.
-
-    The interval counts the parameters of one record as independent, so it is rather too narrow.
-    """
-    found = errors(RECORDS)
-    for name, rows in found.items():
-        (ci95, noise), n = (rows < 1.96).sum(axis=0), len(rows)
-        print(f"\n{name}: by ci95 {ci95}, by noise {noise} of {n}; rms of error over std "
-              f"{np.sqrt(np.mean(rows**2, axis=0)).round(2)}, most {rows.max(axis=0).round(1)}", end="")
-    within = np.array([(rows < 1.96).sum(axis=0) for rows in found.values()])
-    n = RECORDS * len(found)
-    for part, k in zip(("ci95", "noise"), within.sum(axis=0), strict=True):
-        low, high = interval(k, n, 0.99)
-        print(f"\n{part}: {k} of {n}, {k / n:.3f}, 99 % interval {low:.3f} to {high:.3f}")
-        assert high > 0.92 and (part == "ci95" or low < 0.97)
-    assert all(interval(k, RECORDS, 1.0 - 0.01 / len(found))[1] > 0.92 for k in within[:, 1])
+    judge_coverage(errors(RECORDS))
