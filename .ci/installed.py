@@ -1,4 +1,4 @@
-"""Build wheel and sdist, install each into an empty environment and run a step with it: python .ci/installed.py
+"""Build wheel and sdist, install each into an empty environment and run a pipeline with it: python .ci/installed.py
 
 Nothing of the checkout may be needed then but the recording that is read.
 """
@@ -13,6 +13,8 @@ import venv
 from pathlib import Path
 
 ROOT = Path(__file__).resolve().parent.parent
+RIG = ROOT / "fixtures" / "rig"
+MAX_SIZE = 6e6  # of a package [bytes]: it is downloaded by every container
 
 
 def run(*words: object, folder: Path) -> str:
@@ -30,7 +32,7 @@ def try_out(package: Path, folder: Path) -> None:
     venv.create(environment, with_pip=True)
     run(environment / "bin" / "python", "-m", "pip", "install", "--quiet", "--disable-pip-version-check", package,
         folder=folder)
-    tool, log = environment / "bin" / "drivetool", ROOT / "fixtures" / "rig" / "steady.parquet"
+    tool, log, steps = environment / "bin" / "drivetool", RIG / "steady.parquet", RIG / "steps.parquet"
     version = run(tool, "--version", folder=folder).strip()
     if not package.name.startswith(version.replace(" ", "-")):
         sys.exit(f"{package.name} says that it is {version}")
@@ -46,7 +48,14 @@ def try_out(package: Path, folder: Path) -> None:
     shown = run(tool, "show", "steady.yaml", folder=folder)
     if "total.viscous" not in shown:
         sys.exit(f"{package.name} shows no viscous friction:\n{shown}")
-    print(f"{package.name}: {version}, installed and used")
+    run(tool, "blackbox", steps, "--params", "steady.yaml", "--out", "blackbox.yaml", folder=folder)
+    run(tool, "greybox", steps, "--params", "steady.yaml", "--params", "blackbox.yaml",
+        "--out", "greybox.yaml", folder=folder)
+    if "numba" in run(environment / "bin" / "python", "-m", "pip", "list", folder=folder):
+        sys.exit(f"{package.name} requires Numba, which only a change of the kernel needs")
+    if package.stat().st_size > MAX_SIZE:
+        sys.exit(f"{package.name} has {package.stat().st_size / 1e6:.1f} MB, more than {MAX_SIZE / 1e6:.0f}")
+    print(f"{package.name}: {version}, {package.stat().st_size / 1e6:.1f} MB, installed and used without Numba")
 
 
 def main() -> None:

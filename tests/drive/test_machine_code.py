@@ -13,7 +13,7 @@ from unittest.mock import Mock
 
 import pytest
 
-from drivetool.drive.compile import lowered, machine_code
+from drivetool.drive.compile import build, lowered, machine_code
 from drivetool.drive.compile.lowered import SOURCES
 from drivetool.errors import DriveToolError
 
@@ -198,15 +198,30 @@ def test_a_text_that_is_not_that_of_the_sources_is_not_used(tmp_path, monkeypatc
     assert lowered.archive(file) == {}
 
 
+@pytest.fixture
+def without_text(place, monkeypatch, tmp_path):
+    """The compiler takes sources that come without their text."""
+    shutil.copytree(SOURCES.parent, tmp_path / "drivetool", ignore=shutil.ignore_patterns("*.xz", "__pycache__"))
+    monkeypatch.syspath_prepend(str(tmp_path))
+
+
 @pytest.mark.slow
-def test_without_the_text_numba_makes_it(place, monkeypatch, tmp_path):
-    copy = shutil.copytree(SOURCES.parent, tmp_path / "drivetool",
-                           ignore=shutil.ignore_patterns("*.xz", "__pycache__"))
-    done = subprocess.run(
-        [sys.executable, "-m", "drivetool.drive.compile.build", str(os.getpid()), str(place),
-         f"events.{SMALL_UNIT}"],
-        env={**os.environ, "PYTHONPATH": str(copy.parent)}, cwd=tmp_path, check=False)
-    assert done.returncode == 0 and machine_code.intact_code(SMALL_UNIT) is not None
+def test_without_the_text_numba_makes_it(without_text):
+    machine_code.prepare([SMALL_UNIT])
+    assert machine_code.intact_code(SMALL_UNIT) is not None
+
+
+def test_with_neither_text_nor_numba_a_sentence_says_so(without_text, tmp_path):
+    (tmp_path / "numba.py").write_text("raise ModuleNotFoundError(name='numba')")
+    with pytest.raises(DriveToolError, match=rf"^[^\n]*no: neither LLVM text of events.{SMALL_UNIT}[^\n]*numba"):
+        machine_code.prepare([SMALL_UNIT])
+
+
+def test_a_text_that_this_llvm_does_not_read_is_made_anew(monkeypatch):
+    text = lowered.text_of(f"events.{SMALL_UNIT}")
+    monkeypatch.setattr(build, "text_of", lambda part: text.replace("{", "{ an unknown instruction", 1))
+    monkeypatch.setattr(build, "lowered", lambda part: text)
+    assert build.object_of(f"events.{SMALL_UNIT}") == build.emitted(text)
 
 
 # Damaged files. A process that loads one is killed by it: each test loads in a process of its own.

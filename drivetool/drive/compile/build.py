@@ -18,6 +18,7 @@ from collections.abc import Sequence
 from contextlib import suppress
 from pathlib import Path
 
+import llvmlite
 from llvmlite import binding as llvm
 
 from drivetool.drive.compile.lowered import ARCHIVES, SOURCES, text_of, write_archive
@@ -28,19 +29,25 @@ from drivetool.drive.compile.machine_code import COMPILED_WITH, KERNEL, only_com
 INTERPRETER_CALLS = re.compile(r"^declare ([^@\n]*@(?:numba_|NRT_|Py)\w+\([^\n]*?\))[^)\n]*$", re.MULTILINE)
 # Those of the processor that lowers; the one that emits has its own.
 TARGET_LINES = re.compile(r"^target (?:triple|datalayout) = .*$\n", re.MULTILINE)
+# An attribute of LLVM's own functions, which it knows without the text; LLVM 20 does not read the word.
+NEW_ATTRIBUTE = "nocreateundeforpoison "
 PR_SET_PDEATHSIG = 1  # of <linux/prctl.h>
 
 
 def lowered(part: str) -> str:
-    """The LLVM text of a part, made by Numba."""
-    from drivetool.drive.compile.numba_private import defer_code_generation
-
+    """The LLVM text of a part, made by Numba; without it the process ends with a sentence."""
+    try:
+        from drivetool.drive.compile.numba_private import defer_code_generation
+    except ModuleNotFoundError as error:
+        sys.exit(f"neither LLVM text of {part} that llvmlite {llvmlite.__version__} reads, nor {error.name}, "
+                 "which makes it")
     defer_code_generation()
     gc.disable()  # all objects are needed until the process ends
     file, name = part.split(".")
     made = getattr(importlib.import_module(f"{KERNEL}.{file}"), name).made()
     code = TARGET_LINES.sub("", made.inspect_llvm().replace(made.native_name, symbol(name)))
     code = INTERPRETER_CALLS.sub(r"define internal \1 {\n  call void @llvm.trap()\n  unreachable\n}", code)
+    code = code.replace(NEW_ATTRIBUTE, "")
     return code if "declare void @llvm.trap()" in code else f"{code}\ndeclare void @llvm.trap()\n"
 
 
@@ -91,7 +98,15 @@ def compile_parts(place: Path, parts: Sequence[str]) -> None:
         name = part.partition(".")[2]
         with only_compiler(place, name) as missing:
             if missing:
-                store(place, name, emitted(text_of(part) or lowered(part)))
+                store(place, name, object_of(part))
+
+
+def object_of(part: str) -> bytes:
+    """The object file of a part, from its text where this LLVM reads it, else lowered here."""
+    with suppress(RuntimeError):
+        if text := text_of(part):
+            return emitted(text)
+    return emitted(lowered(part))
 
 
 if __name__ == "__main__":
