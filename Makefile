@@ -6,13 +6,13 @@ BIN := $(VENV)/bin
 export OPENBLAS_NUM_THREADS := 1
 export OMP_NUM_THREADS := 1
 
-.PHONY: demo test test-slow test-long check docs lint types packages test-floor study ablation bench fuzz golden fixtures \
+.PHONY: demo test test-slow test-long check docs lint types packages test-floor study ablation bench machinery fuzz golden fixtures \
 	kernel schemas reference clean
 
 demo: $(VENV)/ready
 	$(BIN)/python -m drivetool.cli.demo fixtures/rig demo
 
-# Every change: at most six minutes on two cores, the compilation of the kernel included.
+# Every change: at most five minutes on two cores, the compilation of the kernel included.
 test: $(VENV)/ready
 	$(BIN)/python -m pytest -n 2
 
@@ -62,6 +62,10 @@ study: $(VENV)/ready
 bench: $(VENV)/ready
 	$(BIN)/python -m pip install --quiet --disable-pip-version-check --editable ".[test,bench]"
 	$(BIN)/python -m pytest -m bench -s
+
+# What each piece of the kernel costs at the first use, and buys per sample: half an hour on a quiet machine.
+machinery: $(VENV)/ready
+	$(BIN)/python -m tests.bench.machinery
 
 fuzz: $(VENV)/ready
 	$(BIN)/python -m pytest -m fuzz
