@@ -125,7 +125,7 @@ def measured(variant: str) -> dict[str, float]:
 
 
 def compile_here(variant: str, names: list[str]) -> None:
-    """Compile the parts that are missing with Numba, in a process that leaves the same out, and note what they cost."""
+    """Compile the parts that are missing with Numba, in a process that leaves the same out."""
     from drivetool.drive.compile import machine_code
 
     missing = [p for p in machine_code.COMPILED_WITH if p.partition(".")[2] in names]
