@@ -35,13 +35,6 @@ def leave_out_overlap_marks() -> None:
     numba_private.NoOverlap = Compiler
 
 
-def leave_out_inlining() -> None:
-    """LLVM alone decides what is inlined."""
-    from drivetool.drive.compile import numba_private
-
-    numba_private.INLINE.clear()
-
-
 def leave_out_sizes(*sizes: int) -> None:
     """Drives with these numbers of states run in the code for any number."""
     from drivetool.drive.simulation import augment, simulate
@@ -60,7 +53,6 @@ def leave_out_sized_laws() -> None:
 VARIANTS: Mapping[str, Callable[[], None]] = {
     AS_IT_IS: lambda: None,
     "no-overlap-marks": leave_out_overlap_marks,
-    "no-forced-inlining": leave_out_inlining,
     "no-sizes": lambda: leave_out_sizes(*range(3, 8)),
     "no-sized-laws": leave_out_sized_laws,
 }
