@@ -4,6 +4,7 @@ import json
 import logging
 import os
 import shlex
+import shutil
 import subprocess
 import sys
 import types
@@ -89,6 +90,37 @@ def test_help_imports_nothing_heavy():
     code = "import sys, drivetool.cli.main; print(*sorted(m for m in sys.modules if '.' not in m))"
     loaded = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True).stdout.split()
     assert not {"numpy", "scipy", "pyarrow", "matplotlib", "numba", "yaml", "msgspec", "mcap"} & set(loaded)
+
+
+# Slow to load, or what loads the kernel.
+HEAVY = {"scipy.signal", "scipy.stats", "scipy.optimize", "scipy.interpolate", "scipy.ndimage", "scipy.sparse",
+         "control", "matplotlib", "jinja2", "llvmlite", "numba", "pyarrow"}
+STATISTICS = {"scipy.stats", "scipy.optimize", "scipy.interpolate", "scipy.ndimage", "scipy.sparse"}
+# What a command may load of these, with the exit code of its words.
+LOADS = {
+    "--version": (0, set()),
+    "findings not-identifiable": (0, set()),
+    "effects": (0, set()),
+    "show hand.yaml": (0, set()),
+    "inspect steps.parquet": (0, {"pyarrow"}),
+    "convert steps.parquet --out other.parquet": (0, {"pyarrow"}),
+    "trend site.parquet": (0, {"pyarrow"} | STATISTICS),
+    "greybox missing.parquet --params hand.yaml": (1, {"pyarrow"}),
+    "greybox steps.parquet --params missing.yaml": (1, set()),
+    "greybox steps.parquet --params hand.yaml --set motor.wrong=1": (2, {"pyarrow"}),
+}
+
+
+@pytest.mark.parametrize("words", LOADS)
+def test_a_command_loads_only_what_it_needs(folder, words):
+    """Those that fit nothing neither compile nor load what fits: it takes longer than they do."""
+    shutil.copy(ROOT / "fixtures" / "site" / "summary.parquet", folder / "site.parquet")
+    code, allowed = LOADS[words]
+    script = ("import atexit, sys; atexit.register(lambda: print('loaded', *sys.modules, file=sys.stderr)); "
+              f"sys.argv = ['drivetool', *{words.split()!r}]; from drivetool.cli.main import run; run()")
+    done = subprocess.run([sys.executable, "-c", script], capture_output=True, text=True, cwd=folder)
+    loaded = set(done.stderr.rpartition("loaded ")[2].split()) & set(HEAVY)
+    assert (done.returncode, loaded - allowed) == (code, set()), done.stderr[:500]
 
 
 @pytest.mark.parametrize("command", command_line.COMMANDS)

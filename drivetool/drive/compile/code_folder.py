@@ -26,9 +26,6 @@ from contextlib import suppress
 from functools import cache
 from pathlib import Path
 
-import llvmlite
-from llvmlite import binding as llvm
-
 from drivetool.drive.compile.lowered import SOURCES, source_digest
 from drivetool.errors import DriveToolError, Notice
 
@@ -52,6 +49,9 @@ _temporary: list[tempfile.TemporaryDirectory] = []  # removed when this process 
 
 def versions() -> str:
     """What machine code depends on besides its text: what emits it, and the processor."""
+    import llvmlite
+    from llvmlite import binding as llvm
+
     llvm.initialize_native_target()
     return " ".join([llvmlite.__version__, llvm.get_default_triple(), llvm.get_host_cpu_name(),
                      llvm.get_host_cpu_features().flatten()])

@@ -18,13 +18,15 @@ from contextlib import ExitStack, contextmanager, suppress
 from functools import cache
 from pathlib import Path
 from types import MappingProxyType
-
-from llvmlite import binding as llvm
+from typing import TYPE_CHECKING
 
 from drivetool.drive.arrays import MAX_SIZED_LAWS, MOST_STATES, SIZED_STATE_COUNTS
 from drivetool.drive.compile.code_folder import PRIVATE, folder, read_regular, write_whole
 from drivetool.errors import DriveToolError
 from drivetool.progress import FIRST_USE, counted
+
+if TYPE_CHECKING:
+    from llvmlite.binding import ExecutionEngine
 
 KERNEL = "drivetool.drive.kernel"  # where the files of the parts are
 
@@ -114,7 +116,9 @@ def _environment() -> dict[str, str]:
 
 
 @cache
-def _engine() -> llvm.ExecutionEngine:
+def _engine() -> ExecutionEngine:
+    from llvmlite import binding as llvm
+
     llvm.initialize_native_target()
     llvm.initialize_native_asmprinter()
     machine = llvm.Target.from_default_triple().create_target_machine(jit=True)
@@ -141,6 +145,8 @@ def _load(name: str) -> int:
     if code is None:
         raise DriveToolError(f"the machine code of {name} in {folder()}", "a damaged file as soon as it is written",
                              "Is the disk sound? Set NUMBA_CACHE_DIR to a folder on another.")
+    from llvmlite import binding as llvm  # most commands neither compile nor simulate
+
     engine = _engine()
     engine.add_object_file(llvm.ObjectFileRef.from_data(code))
     engine.finalize_object()

@@ -143,7 +143,8 @@ def _agreement_delayed(a: np.ndarray, b: np.ndarray, length: int) -> SpeedAgreem
     if not np.all(size > 0):
         return _agreement(a, b, 0.0, length)
     # From -reach (b early) to reach (b late).
-    curve = (scipy.signal.correlate(a, part, mode="valid", method="fft") / size)[::-1]
+    spectrum = np.fft.rfft(a) * np.fft.rfft(part, len(a)).conj()
+    curve = (np.fft.irfft(spectrum, len(a))[:2 * reach + 1] / size)[::-1]
     height = np.abs(curve)
     # A periodic motion agrees again one period later: climb from the nearest of near equals.
     at, beside, peak = nearest_peak(height, height.max() - 0.1 * max(0.0, 1 - height.max()) - 1e-3,
