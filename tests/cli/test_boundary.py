@@ -95,7 +95,6 @@ def test_help_imports_nothing_heavy():
 # Slow to load, or what loads the kernel.
 HEAVY = {"scipy.signal", "scipy.stats", "scipy.optimize", "scipy.interpolate", "scipy.ndimage", "scipy.sparse",
          "control", "matplotlib", "jinja2", "llvmlite", "numba", "pyarrow"}
-STATISTICS = {"scipy.stats", "scipy.optimize", "scipy.interpolate", "scipy.ndimage", "scipy.sparse"}
 # What a command may load of these, with the exit code of its words.
 LOADS = {
     "--version": (0, set()),
@@ -104,7 +103,7 @@ LOADS = {
     "show hand.yaml": (0, set()),
     "inspect steps.parquet": (0, {"pyarrow"}),
     "convert steps.parquet --out other.parquet": (0, {"pyarrow"}),
-    "trend site.parquet": (0, {"pyarrow"} | STATISTICS),
+    "trend site.parquet": (0, {"pyarrow", "scipy.optimize", "scipy.sparse"}),
     "greybox missing.parquet --params hand.yaml": (1, {"pyarrow"}),
     "greybox steps.parquet --params missing.yaml": (1, set()),
     "greybox steps.parquet --params hand.yaml --set motor.wrong=1": (2, {"pyarrow"}),

@@ -67,7 +67,7 @@ def within_day_variance(values: np.ndarray, variances: np.ndarray, groups: list[
 
 def _student_interval(value: float, variance: float, degrees: int) -> tuple[float, float]:
     """95 % by Student's t."""
-    half_width = float(scipy.stats.t.ppf(0.975, degrees)) * float(np.sqrt(variance))
+    half_width = float(scipy.special.stdtrit(degrees, 0.975)) * float(np.sqrt(variance))
     return value - half_width, value + half_width
 
 

@@ -40,11 +40,11 @@ class WeightedFit:
         """Two-sided p-value of a coefficient, by Student's t."""
         if self.std[j] <= 0.0:
             return 0.0 if self.coefficients[j] else 1.0
-        return float(2.0 * scipy.stats.t.sf(abs(self.coefficients[j]) / self.std[j], self.degrees))
+        return float(2.0 * scipy.special.stdtr(self.degrees, -abs(self.coefficients[j]) / self.std[j]))
 
     def interval(self, j: int) -> tuple[float, float]:
         """The 95 % interval of a coefficient."""
-        half_width = float(scipy.stats.t.ppf(0.975, self.degrees)) * float(self.std[j])
+        half_width = float(scipy.special.stdtrit(self.degrees, 0.975)) * float(self.std[j])
         return float(self.coefficients[j]) - half_width, float(self.coefficients[j]) + half_width
 
 
