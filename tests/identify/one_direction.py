@@ -49,8 +49,8 @@ def one_direction(seed: int) -> OneDirection:
     command = side * largest * np.interp(time, TORQUE_TIMES, TORQUES)
     if seed % 4 < 2:
         gain = inertia / rng.uniform(0.03, 0.15)
-        controller = SpeedPI(side * top * np.interp(time, TIMES, SPEEDS)[:driven], gain, gain / rng.uniform(0.1, 0.4),
-                             STEP, limit=rated)
+        speed = side * top * np.interp(time, TIMES, SPEEDS)[:driven]
+        controller = SpeedPI(speed, gain, gain / rng.uniform(0.1, 0.4), STEP, limit=rated)
         command = np.zeros(n)
         command[:driven] = simulate(machine, np.zeros(driven), STEP, at_rest(machine), controller,
                                     disturbance[:driven], sensor=Sensor("speed", noise[:driven])).command

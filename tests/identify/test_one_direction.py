@@ -40,7 +40,7 @@ def test_the_sum_has_an_interval_and_neither_part():
 
 
 def test_a_stated_part_leaves_the_other_identifiable():
-    made, found = fitted(7, hold=("motor.idle_torque",))
+    _, found = fitted(7, hold=("motor.idle_torque",))
     assert not found.ratios and found.line("motor.coulomb").std is not None
 
 

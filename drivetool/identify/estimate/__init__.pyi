@@ -17,7 +17,6 @@ from .estimate import (
 )
 from .interval_and_status import (
     MAX_INFLATION as MAX_INFLATION,
-    MAX_INFLATION as MAX_INFLATION,
     Z95_ONE_SIDED as Z95_ONE_SIDED,
     covariance_of as covariance_of,
     experiment_for as experiment_for,

@@ -327,8 +327,8 @@ def _choice_sentence(field: CandidateSet, errors: Mapping[str, float], name: str
     else:
         least = min(e for n, e in errors.items() if n != "free runs, laws")
         error_ratio = errors[name] / least if least > 0.0 else 1.0
-        why = (f"its error in free runs of {field.judge.length:.2g} s is {error_ratio:.2f} times the smallest of all "
-               "candidates")
+        why = (f"its error in free runs of {field.judge.length:.2g} s is {error_ratio:.2f} times the smallest of "
+               "all candidates")
     text = f"{removed}{residual}; {why}."
     return text[0].upper() + text[1:]
 

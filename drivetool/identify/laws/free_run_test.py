@@ -15,8 +15,8 @@ from drivetool.identify.problem import Point, solve
 from drivetool.identify.setup import Task, first_point, has_gap, white_std
 
 FREE_RUN_LENGTH = 1.0  # s at least: errors of friction over half a second show, and the start state is forgotten
-# Error of straight lines over the std of the speed, from which runs are long enough. A choice: where less is left, the
-# constant torque of each run explains the motion by itself, whatever the drive.
+# Error of straight lines over the std of the speed, from which runs are long enough. A choice: where less is left,
+# the constant torque of each run explains the motion by itself, whatever the drive.
 MIN_STRAIGHT_LINE_SHARE = 0.1
 # Means of a run, at least: fewer only give its constant and slope, which are fitted to each run.
 MIN_MEANS_PER_RUN = 4
@@ -96,7 +96,8 @@ class FreeRunTest:
 
     def straight_line_error(self, task: Task, length: float | None = None) -> float:
         """Error of runs with no torque but a constant one: straight lines of the speed; zero if that is noise."""
-        traces, is_angle = task.traces(run_length(task, length or self.length)), task.roles.outputs[0].endswith("angle")
+        traces = task.traces(run_length(task, length or self.length))
+        is_angle = task.roles.outputs[0].endswith("angle")
         errors, wide = [], [self.window(t.size, t.step) for t in traces]
         for trace in traces:
             y, place = trace.outputs[:, 0], np.linspace(-1.0, 1.0, trace.size)

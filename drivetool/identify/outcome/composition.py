@@ -41,7 +41,14 @@ from drivetool.identify.noise import filtered_normal_equations
 from drivetool.identify.outcome.noise_ratio_uncertainty import noise_ratio_covariance
 from drivetool.identify.outcome.repeats import recording_estimates, repeatability_of, with_scatter
 from drivetool.identify.problem import Point
-from drivetool.identify.setup import UNNAMED_RECORDINGS, Options, Outcome, Task, contradicted_start_findings, problem_of
+from drivetool.identify.setup import (
+    UNNAMED_RECORDINGS,
+    Options,
+    Outcome,
+    Task,
+    contradicted_start_findings,
+    problem_of,
+)
 from drivetool.identify.starts import MAX_AGREEING_LOSS, start_agrees
 from drivetool.quantity import name_of, names_of, quantity_of
 
@@ -106,8 +113,10 @@ def estimate_from_outcome(step: str, drive: Drive, lines: Sequence[Parameter], c
         findings=(*findings, *noise_findings, *last_findings), **more)
 
 
-def _parameter_lines(before: Drive, own: Task, outcome: Outcome, options: Options, explanation: Explanation | None,
-                     ) -> tuple[tuple[Parameter, ...], Covariance | None, tuple[Parameter, ...], tuple[Finding, ...]]:
+def _parameter_lines(before: Drive, own: Task, outcome: Outcome, options: Options,
+                     explanation: Explanation | None,
+                     ) -> tuple[tuple[Parameter, ...], Covariance | None, tuple[Parameter, ...],
+                                tuple[Finding, ...]]:
     """The lines of the table, their covariance, sums of what is identified jointly, and what is not identifiable.
 
     own  the task at the reported values
@@ -135,7 +144,8 @@ def _parameter_lines(before: Drive, own: Task, outcome: Outcome, options: Option
     if only_ratios(outcome):
         lines, ratios = without_torque_intervals(lines, outcome)
         findings, more = (), [*more, ratios]
-    lines, sums, joint = without_joint_intervals(lines, outcome, own, (*(known.names if known else ()), *options.hold))
+    stated = (*(known.names if known else ()), *options.hold)
+    lines, sums, joint = without_joint_intervals(lines, outcome, own, stated)
     more += joint
     if not_converged(outcome):
         lines, covariance, sums, more = without_intervals(lines), None, (), [*more, _not_converged_finding(outcome)]
