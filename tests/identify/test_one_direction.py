@@ -58,3 +58,10 @@ def check(seeds):
     held = counts(seeds)
     print(held)
     assert all(interval(k, len(seeds), 0.99 + 0.01 * 2 / 3).high >= 0.92 for k in held.values()), held
+
+
+def test_a_start_inertia_is_found_and_not_doubted():
+    made = one_direction(7)
+    found = greybox([made.record], one_body(), Options())
+    assert holds(found.line("motor.inertia"), made.machine.inertia[0])
+    assert "suspect-unit" not in {f.code for f in found.findings}

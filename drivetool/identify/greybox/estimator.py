@@ -28,7 +28,11 @@ from drivetool.identify.fit import (
     with_coloured_noise,
     with_friction_parts,
 )
-from drivetool.identify.greybox.clamped import unidentified_by_clamps, with_start_values_from_clamped
+from drivetool.identify.greybox.clamped import (
+    unidentified_by_clamps,
+    with_start_inertia_of_record,
+    with_start_values_from_clamped,
+)
 from drivetool.identify.identifiability import (
     contradicted_held_values,
     shaft_gain,
@@ -70,13 +74,13 @@ def greybox(experiments: Sequence[Experiment], drive: Drive, options: Options) -
 
     experiments  motor_torque and a sensor: motor_speed, else motor_angle; also load_speed or
                  load_angle and shaft_torque where they were logged. Fitted together
-    drive        start values; all inertias and stiffnesses must have one
+    drive        start values; all inertias and stiffnesses must have one, but for the inertia of a single body
     options      hold, free, criterion, segment, start
     returns      Estimate: inertias, stiffness, damping, friction, and what is freed
     raises       BadParameters: a start value is missing; NotEnoughData: too short a record
     source       Tallfors 2005, sec. 5.5; Ljung 1999 for the innovations form
     """
-    drive = with_start_values_from_clamped(drive, experiments)
+    drive = with_start_inertia_of_record(with_start_values_from_clamped(drive, experiments), experiments)
     drive.require(drive.missing(), "the start of a grey-box fit")
     experiments = [after_transient(without_unmeasured(e), drive, options.free)
                    for e in at_rates("greybox", experiments, options)]
