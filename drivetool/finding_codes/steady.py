@@ -17,9 +17,9 @@ CODES = {
         "Look for what changed between the recordings: a load, a slope, wind, the temperature."),
     "idle-torque-not-separable": Code(
         NOTE,
-        "All steady intervals have one direction of motion. Idle torque and Coulomb friction are not identifiable "
-        "separately; the idle torque holds their sum.",
-        "Add steady intervals in the other direction.",
+        "The drive turns one way only. Idle torque and Coulomb friction are not identifiable separately: a step at "
+        "steady speeds gives their sum as idle torque, a grey-box fit as a figure of its own.",
+        "Record the other direction too, if the machine may turn that way; or hold one of them.",
         says="sum"),
     "location-not-identifiable": Code(
         NOTE,

@@ -10,7 +10,7 @@ from drivetool.identify.laws import across_gap, law_selection
 from drivetool.identify.laws.across_gap import laws_reduce_free_run_error, optimum_confirmed, restart_from_free_runs
 from drivetool.identify.laws.candidates import CandidateSet
 from drivetool.identify.laws.explanation import parameter_uncertainty
-from drivetool.identify.laws.free_run_test import run_length
+from drivetool.identify.laws.free_run_test import FREE_RUN_LENGTH, run_length
 from drivetool.identify.laws.laws import Law
 from drivetool.identify.motion.linear import INFLUENCE_BLOCKS
 from drivetool.identify.problem.least_squares import solve
@@ -38,8 +38,8 @@ def outcome(value, numbers, starts=(), of=None):
 
 @pytest.mark.parametrize("gap, free, seconds", [(0.0, FREE[:2], 1.0), (0.01, FREE[:2], 0.2), (0.0, FREE, 0.2)])
 def test_free_runs_are_short_where_a_gap_acts_or_is_fitted(gap, free, seconds):
-    assert run_length(task(gap, free)) == seconds
-    assert run_length(task(gap, free, step=0.1)) == 2.0  # twenty samples, whatever the drive
+    assert run_length(task(gap, free), FREE_RUN_LENGTH) == seconds
+    assert run_length(task(gap, free, step=0.1), FREE_RUN_LENGTH) == 2.0  # twenty samples, whatever the drive
 
 
 @pytest.mark.parametrize("ratio, straight, wanted", [

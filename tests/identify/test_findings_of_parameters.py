@@ -56,7 +56,7 @@ def outcome():
 
 
 def test_an_unidentified_parameter_is_one_of_the_estimate(outcome):
-    estimate = compose("greybox", outcome.task.drive, outcome)
+    estimate = compose("greybox", outcome.task.drive, outcome, Options())
     lines = {p.name for p in estimate.parameters if p.status == "not-identifiable"}
     assert parameters_of_findings(estimate) == lines and lines >= set(FRICTIONS[2:])
 

@@ -44,7 +44,7 @@ def test_what_the_torque_is_taken_for(outcome, torque_is, code):
 def test_held_values_of_large_uncertainty_make_the_intervals(outcome, relative, said):
     std = relative * outcome.drive.value("shaft.stiffness")
     known = Covariance(("shaft.stiffness",), np.array([[std**2]]))
-    estimate = compose("greybox", outcome.drive, outcome, known=known)
+    estimate = compose("greybox", outcome.drive, outcome, Options(known=known))
     found = [f for f in estimate.findings if f.code == "held-values-dominate"]
     assert bool(found) == said and all("--free shaft.stiffness" in f.action for f in found)
 

@@ -113,7 +113,7 @@ def test_torque_noise_that_is_weak_where_it_is_slow_is_noticed_and_modelled():
     assert estimate.noise["torque_std"] == pytest.approx(0.03 * MACHINE.rated_torque, rel=0.2)
     square, limit = joint_error(estimate, truth(MACHINE))
     assert square < limit
-    idle = next(p for p in estimate.parameters if p.name == "total.idle_torque")
+    (idle,) = estimate.ratios  # with Coulomb friction: the drive turns one way
     # The mean of the noise, and the slope that viscous friction takes of it, whose size the record identifies.
     assert idle.std < 0.3 * 0.03 * MACHINE.rated_torque / np.sqrt(6000 / 16)
 

@@ -39,7 +39,7 @@ from drivetool.identify.noise import (
 )
 from drivetool.identify.outcome import CORRELATED, compose
 from drivetool.identify.problem import Point, Problem
-from drivetool.identify.setup import Outcome
+from drivetool.identify.setup import Options, Outcome
 
 # Standard deviations from zero from which a parameter of the base counts: 99.7 % of a normal one.
 BASE_PARAMETER_STDS = 3.0
@@ -129,7 +129,7 @@ def estimate_of(search: SearchResult, before: Drive, options: DiagnoseOptions) -
                                              converged))
     outcome, least = uncrossed_gaps(outcome)
     start = replace(task.drive, values={**task.drive.values, **before.values})
-    estimate = compose("diagnose", start, outcome, correlated=correlated_errors_finding(search.faults))
+    estimate = compose("diagnose", start, outcome, Options(), correlated=correlated_errors_finding(search.faults))
     for name, low in least.items():
         estimate = with_lower_limit_only(estimate, name, low)
     return replace(estimate, options={"candidates": list(options.candidates), "error_budget": options.error_budget,

@@ -197,7 +197,8 @@ def _parameter_table(parameters: Mapping[str, shapes.ParameterSection]) -> Table
 
 def _derived_table(figures: Mapping[str, shapes.DerivedSection]) -> Table:
     """The derived figures: figure, value, unit, +- (one std), %."""
-    rows = [Row((f"  {name.replace('_', ' ')}", value, entry.unit,
+    # A sum of parameters keeps their names.
+    rows = [Row((f"  {name if '.' in name else name.replace('_', ' ')}", value, entry.unit,
                  *(("", "") if entry.std is None else (f"+- {std}", f"{percent(entry.value, entry.std)} %"))))
             for name, entry in figures.items() for value, std in [rounded(entry.value, entry.std)]]
     return Table([Column(least=24), *numbers(""), Column(fold=False), *numbers("", "")], rows)

@@ -136,9 +136,9 @@ def backlash(experiments: Sequence[Experiment], drive: Drive, options: Options) 
     # A gap that may be closed has no law.
     opens = all(found.low is not None or found.high is None for found in profiles.values())
     estimate = compose(
-        "backlash", drive, outcome, explanation.findings if explanation else (),
+        "backlash", drive, outcome, options, explanation.findings if explanation else (),
         {"contact": _contact_counts(outcome, drive, gaps), **(dead_stretch_details(laws) if laws else {})},
-        known=options.known, explanation=explanation, alone=fit.alone)
+        explanation=explanation, alone=fit.alone)
     estimate = with_friction_of_file(estimate, outcome, options, free, explanation)
     about_law = gap_law_findings(laws, outcome, free, not not_converged(outcome), opens)
     estimate = replace(estimate, findings=(*torque_timing(white), *suspect_channel_findings(task, outcome.drive),
@@ -332,5 +332,5 @@ def _unopened_estimate(task: Task, drive: Drive, unopened: Sequence[str], closed
         line = line_of(drive, g, drive.value(g) or 0.0)
         lines.append(line.replace(start=line.value).without_interval("the gap was not opened in this record",
                                                                      "not-identifiable"))
-    estimate = compose("backlash", drive, outcome, findings, known=options.known)
+    estimate = compose("backlash", drive, outcome, options, findings)
     return replace(estimate, parameters=in_order((*estimate.parameters, *lines), drive))

@@ -58,7 +58,7 @@ def with_shaft_torque(estimate: Estimate, experiments: Sequence[Experiment], dri
     else:
         outcome = with_coloured_noise(by_innovations(task, [{}]))
     before = replace(drive, values={n: v for n, v in drive.values.items() if n not in TOTALS})
-    found = compose("blackbox", before, outcome, known=options.known)
+    found = compose("blackbox", before, outcome, options)
     gaps = {n: drive.values[n] for n in shut if n in drive.values}
     values = {n: v for n, v in outcome.drive.values.items() if n not in shut} | gaps
     lines = tuple(p.replace(value=gaps.get(p.name, p.value), start=gaps.get(p.name, p.start))

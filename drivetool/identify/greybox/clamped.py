@@ -90,6 +90,16 @@ def with_start_values_from_clamped(drive: Drive, experiments: Sequence[Experimen
     return drive.with_values({n: v for n, v in found.items() if n in missing or quantity_of(n) == "damping"})
 
 
+def with_start_inertia_of_record(drive: Drive, experiments: Sequence[Experiment]) -> Drive:
+    """The drive of one body with a missing start inertia, by the mean torque over the mean acceleration."""
+    name = name_of(drive.bodies[0], "inertia")
+    if len(drive.bodies) > 1 or drive.missing() != [name]:
+        return drive
+    found = [abs(rough_inertia(speed_of(e, "motor", "the inertia"), e.signals["motor_torque"], e))
+             for e in experiments if "motor_torque" in e.signals and {"motor_speed", "motor_angle"} & set(e.signals)]
+    return drive.with_values({name: max(found)}) if max(found, default=0.0) > 0.0 else drive
+
+
 @dataclass(frozen=True)
 class ClampedOscillation:
     """A mass on a spring: natural frequency [rad/s], damping ratio, inertia; left: mean square of the residual."""

@@ -28,7 +28,11 @@ from drivetool.identify.fit import (
     with_coloured_noise,
     with_friction_parts,
 )
-from drivetool.identify.greybox.clamped import unidentified_by_clamps, with_start_values_from_clamped
+from drivetool.identify.greybox.clamped import (
+    unidentified_by_clamps,
+    with_start_inertia_of_record,
+    with_start_values_from_clamped,
+)
 from drivetool.identify.identifiability import (
     contradicted_held_values,
     shaft_gain,
@@ -52,6 +56,7 @@ from drivetool.identify.setup import (
     reverses,
     roles_of,
     shared_free_names,
+    starts_or_stops,
 )
 from drivetool.identify.shaft_torque import with_friction_of_file, with_frictions, with_identified_friction
 from drivetool.logs import Experiment
@@ -69,20 +74,20 @@ def greybox(experiments: Sequence[Experiment], drive: Drive, options: Options) -
 
     experiments  motor_torque and a sensor: motor_speed, else motor_angle; also load_speed or
                  load_angle and shaft_torque where they were logged. Fitted together
-    drive        start values; all inertias and stiffnesses must have one
+    drive        start values; all inertias and stiffnesses must have one, but for the inertia of a single body
     options      hold, free, criterion, segment, start
     returns      Estimate: inertias, stiffness, damping, friction, and what is freed
     raises       BadParameters: a start value is missing; NotEnoughData: too short a record
     source       Tallfors 2005, sec. 5.5; Ljung 1999 for the innovations form
     """
-    drive = with_start_values_from_clamped(drive, experiments)
+    drive = with_start_inertia_of_record(with_start_values_from_clamped(drive, experiments), experiments)
     drive.require(drive.missing(), "the start of a grey-box fit")
     experiments = [after_transient(without_unmeasured(e), drive, options.free)
                    for e in at_rates("greybox", experiments, options)]
     roles = roles_of(experiments, drive)
     if options.criterion == "inverse":
         return _by_inverse(experiments, drive, options, roles)
-    drive = with_frictions(drive, roles, options)
+    drive = with_friction_that_holds(with_frictions(drive, roles, options), experiments, options)
     requested, options = options, with_all_expanded(options, drive, experiments)
     free = shared_free_names(free_parameters(drive, default_free(drive, experiments), options), drive, experiments)
     check_torque_scale(drive, free, roles, options.hold)
@@ -103,7 +108,7 @@ def greybox(experiments: Sequence[Experiment], drive: Drive, options: Options) -
     found = explanation.own.drive if explained_well else outcome.drive
     findings = [*outlier_findings, *suspect_channel_findings(task, found, explained_well), *findings]
     figures["noise_parameters"] = 0 if outcome.fit is None else outcome.fit.noise.parameters
-    estimate = compose("greybox", drive, outcome, findings, {}, figures, options.known, explanation,
+    estimate = compose("greybox", drive, outcome, options, findings, {}, figures, explanation,
                        alone=chosen_fit.alone)
     estimate = with_friction_of_file(estimate, outcome, options, free, explanation)
     no_convergence = not_converged(outcome)
@@ -161,9 +166,29 @@ def default_free(drive: Drive, experiments: Sequence[Experiment]) -> tuple[str, 
         names += [total] if total in drive.values and len(parts) > 1 else parts
     names = [n for n in names if owner_of(n) not in hidden]
     coulomb = [name_of(b, "coulomb") for b in drive.bodies if (drive.value(name_of(b, "coulomb")) or 0.0) > 0.0]
-    if reverses(experiments):
-        names += coulomb or [name_of(drive.bodies[0], "coulomb")]
-    return tuple(names)
+    one_direction = not reverses(experiments)
+    if one_direction and starts_or_stops(experiments):
+        # Only their sum acts on the motion, and only Coulomb friction holds the drive at standstill.
+        names = [n for n in names if quantity_of(n) != "idle_torque"]
+    elif one_direction:
+        return tuple(names)
+    return (*names, *(coulomb or [name_of(drive.bodies[0], "coulomb")]))
+
+
+def with_friction_that_holds(drive: Drive, experiments: Sequence[Experiment], options: Options) -> Drive:
+    """The drive with given idle torques as Coulomb friction, where it turns one way, and starts or stops.
+
+    A step at steady speeds cannot tell them apart, and names their sum an idle torque; that would move a drive that
+    stands.
+    """
+    if reverses(experiments) or not starts_or_stops(experiments):
+        return drive
+    moved = {}
+    for name in [*names_of(drive.bodies, "idle_torque"), "total.idle_torque"]:
+        coulomb = name_of(drive.bodies[0] if name in TOTALS else owner_of(name), "coulomb")
+        if drive.values.get(name) and not {name, coulomb} & {*options.hold, *options.free}:
+            moved |= {name: 0.0, coulomb: moved.get(coulomb, drive.value(coulomb) or 0.0) + abs(drive.values[name])}
+    return drive.with_values(moved)
 
 
 def with_all_expanded(options: Options, drive: Drive, experiments: Sequence[Experiment]) -> Options:

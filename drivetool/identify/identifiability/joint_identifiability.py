@@ -9,25 +9,29 @@ import numpy as np
 
 from drivetool.drive import TOTALS, Drive, is_constant
 from drivetool.finding import Finding
-from drivetool.identify.estimate import Covariance, Parameter
-from drivetool.identify.problem import schur
-from drivetool.identify.setup import Outcome, Task, reverses
-from drivetool.quantity import names_of, parse_name, quantity_of
+from drivetool.identify.estimate import MAX_INFLATION, Parameter, covariance_of, sensitivity_to_held
+from drivetool.identify.noise import filtered_normal_equations
+from drivetool.identify.problem import Point, Solution, schur
+from drivetool.identify.setup import Outcome, Task, problem_of
+from drivetool.quantity import name_of, names_of, owner_of, parse_name, quantity_of
+
+CONSTANT_TORQUES = ("idle_torque", "coulomb")  # in one direction of motion
 
 # Relative rounding of a quadratic form whose terms cancel. A choice: far above eps times the number of terms, far
 # below the smallest information that a record has.
 CANCELLATION_TOLERANCE = 1e-9
 
 
-def without_joint_intervals(lines: Sequence[Parameter], task: Task,
-                            known: Covariance | None) -> tuple[Parameter, ...]:
-    """The lines without the intervals that hold for a sum only; the reason states that sum.
+def without_joint_intervals(lines: Sequence[Parameter], outcome: Outcome, own: Task,
+                            known: Sequence[str],
+                            ) -> tuple[tuple[Parameter, ...], tuple[Parameter, ...], list[Finding]]:
+    """(lines without the intervals that hold for a sum only, a line for each of these sums, findings).
 
-    task   at the estimate
-    known  covariance of the given values: the intervals already contain a friction of known uncertainty
+    own    the drive without laws, at the estimate
+    known  names whose values are stated: the intervals contain their uncertainty, if they have one
     """
-    lines = _unidirectional_idle_torque(lines, task, () if known is None else known.names)
-    return tuple(_lumped_friction_line(p, task) for p in lines)
+    lines, sums = _with_sums_of_constant_torques(lines, outcome, own, known)
+    return tuple(_lumped_friction_line(p, own) for p in lines), sums, [_sum_finding(s) for s in sums]
 
 
 def only_ratios(outcome: Outcome) -> bool:
@@ -68,19 +72,70 @@ def without_torque_intervals(lines: Sequence[Parameter], outcome: Outcome) -> tu
         next((p.name for p in lines if {p.name} == torques), None))
 
 
-def _unidirectional_idle_torque(lines: Sequence[Parameter], task: Task,
-                                known: Sequence[str]) -> tuple[Parameter, ...]:
-    """Idle torque beside a Coulomb friction that is held at a rough value, where the motor turns one way only."""
-    drive = task.drive
-    held = [n for n in names_of(drive.bodies, "coulomb")
-            if (drive.value(n) or 0.0) > 0.0 and n not in task.free and n not in known]
-    if not held or reverses(task.experiments):
-        return tuple(lines)
-    return tuple(p.replace(std=None, ci95=None,
-                           reason=f"identifiable only jointly with {' and '.join(held)}, held at "
-                           f"{drive.referred_to_motor('coulomb'):.4g} referred "
-                           f"to the motor; std of their sum {p.std:.2g}")
-                 if quantity_of(p.name) == "idle_torque" and p.std is not None else p for p in lines)
+def _with_sums_of_constant_torques(lines: Sequence[Parameter], outcome: Outcome, own: Task, known: Sequence[str],
+                                   ) -> tuple[tuple[Parameter, ...], tuple[Parameter, ...]]:
+    """Idle torque and Coulomb friction of a body, of which one is fitted: as their sum, where it tells no more.
+
+    The other is freed in thought: if its interval were wider than the sum, the record identifies the sum alone.
+    """
+    partners = {n: _other_constant_torque(n, own.drive) for n in own.free if quantity_of(n) in CONSTANT_TORQUES}
+    partners = {n: other for n, other in partners.items() if other not in (*own.free, *known)}
+    if not partners:
+        return tuple(lines), ()
+    further = tuple(dict.fromkeys(partners.values()))
+    names, moved, stds = _if_freed(outcome, further)
+    changed, sums = {}, []
+    for p in lines:
+        other = partners.get(p.name)
+        if other is None or p.std is None or stds[further.index(other)] < abs(p.value):
+            continue
+        sign = "-" if moved[names.index(p.name), further.index(other)] > 0.0 else "+"
+        value = own.drive.value(other) or 0.0
+        total = p.replace(name=f"{p.name} {sign} {other}", value=p.value + float(f"{sign}1") * value, start=None)
+        # Of a friction on its bound: the sum may lie beyond.
+        sums.append(total.with_interval(p.std) if p.ci95 is None or p.status == "fitted" else total)
+        reason = f"the drive turns one way, which identifies only {_stated(total)}"
+        changed |= {name: reason for name in (p.name, other)}
+    return tuple(p.without_interval(changed[p.name], "not-identifiable") if p.name in changed else p
+                 for p in lines), tuple(sums)
+
+
+def _stated(total: Parameter) -> str:
+    return f"{total.name} = {total.value:.4g} +- {total.std:.2g} {total.unit}"
+
+
+def _sum_finding(total: Parameter) -> Finding:
+    return Finding(
+        "note", "idle-torque-not-separable",
+        "The drive turns one way, where idle torque and Coulomb friction act alike. This record identifies only "
+        f"{_stated(total)}.", {"sum": total.value, "std": total.std},
+        "Reverse the drive, if it may turn the other way; or state one of them with --hold.")
+
+
+def _other_constant_torque(name: str, drive: Drive) -> str:
+    """Of the idle torque of a body its Coulomb friction, and the other way round; a sum is one of the motor."""
+    owner = drive.bodies[0] if name in TOTALS else owner_of(name)
+    if quantity_of(name) == "idle_torque":
+        return name_of(owner, "coulomb")
+    return "total.idle_torque" if "total.idle_torque" in drive.values and owner == drive.bodies[0] else name_of(
+        owner, "idle_torque")
+
+
+def _if_freed(outcome: Outcome, further: Sequence[str]) -> tuple[tuple[str, ...], np.ndarray, np.ndarray]:
+    """(fitted names, (k, m) how they move with each of m further values, (m,) std of these if they were free).
+
+    Infinite where the fitted ones imitate a further value.
+    """
+    problem, k = outcome.problem, len(outcome.problem.names)
+    more = problem_of(outcome.drive, (*problem.names, *further), outcome.task.roles, problem.traces)
+    point = Point(np.array([outcome.drive.value(n) or 0.0 for n in more.names]), outcome.solution.point.starts)
+    normal = more.normal(point) if outcome.fit is None else filtered_normal_equations(more, point,
+                                                                                      outcome.fit.noise)
+    free = replace(more, low=np.full_like(more.low, -np.inf))
+    covariance, inflation, _ = covariance_of(free, Solution(point, normal, 0, True))
+    # A drive that trembles about standstill moves the other way for an instant, which tells nothing in truth.
+    stds = np.where(inflation[k:] < MAX_INFLATION, np.sqrt(np.diag(covariance)[k:]), np.inf)
+    return problem.names, sensitivity_to_held(normal, k), stds
 
 
 def _lumped_friction_line(line: Parameter, task: Task) -> Parameter:

@@ -24,7 +24,7 @@ from drivetool.identify.laws.regression import Regression, is_regressable, regre
 from drivetool.identify.laws.transmission import NAME as TRANSMISSION_LAW, transmission_law
 from drivetool.identify.motion import Motions, motions_of, motions_through
 from drivetool.identify.noise import expected_recording_noise, filtered
-from drivetool.identify.setup import Outcome, Task, has_gap
+from drivetool.identify.setup import Outcome, Task, has_gap, reverses
 from drivetool.logs import true_runs
 from drivetool.quantity import name_of, quantity_of
 
@@ -125,7 +125,7 @@ def candidates_of(white: Outcome, held: Sequence[str] = ()) -> CandidateSet:
         white = refit_with_freed(white, freed)
         task, found = white.task, {"white": white, "coloured": with_coloured_noise(white)}
     smoothings = {e.step: m.smoothing for e, m in zip(task.experiments, seen.each, strict=True)}
-    free_run_test = FreeRunTest(smoothings, white.fit.noise)
+    free_run_test = FreeRunTest(smoothings, white.fit.noise).with_bent_runs(task, seen)
     if laws and has_gap(task) and not laws_reduce_free_run_error(free_run_test, found["coloured"], best):
         laws, best = (), found["coloured"]
     with_them = regress(task, seen, laws) if linear and laws else plain
@@ -144,7 +144,7 @@ def candidates_of(white: Outcome, held: Sequence[str] = ()) -> CandidateSet:
             candidates["regression, laws"] = _candidate_of_regression(with_them, task, laws, line)
     if not laws:
         candidates |= {f"{name}, laws": c for name, c in candidates.items()}
-    candidates["free runs, laws"] = _candidate_of_free_runs(best, seen, line)
+    candidates["free runs, laws"] = _candidate_of_free_runs(best, seen, line, free_run_test.length)
     if has_gap(task):
         likeliest = min(("coloured, laws", "white, laws"), key=lambda n: candidates[n].outcome.fit.value)
         other = restart_from_free_runs(candidates[likeliest].outcome, candidates["free runs, laws"].task)
@@ -231,10 +231,11 @@ def _candidate_of_fit(outcome: Outcome, line: np.ndarray) -> Candidate:
                                 influence, covariance, outcome, line)
 
 
-def _candidate_of_free_runs(best: Outcome, seen: Motions, line: np.ndarray) -> Candidate:
+def _candidate_of_free_runs(best: Outcome, seen: Motions, line: np.ndarray, length: float) -> Candidate:
     """The fit to free runs, each with an idle torque of its own; the drive's idle torque keeps its value."""
-    start = best.fitted
-    fitted, length = tuple(n for n in start.free if quantity_of(n) != "idle_torque"), run_length(start)
+    start, length = best.fitted, run_length(best.fitted, length)
+    constant = {"idle_torque"} if reverses(start.experiments) else {"idle_torque", "coulomb"}
+    fitted = tuple(n for n in start.free if quantity_of(n) not in constant)
     lag = min([seen.lag, *(max(t.size // MIN_MEANS_PER_RUN, 1) for t in start.traces(length))])
     outcome = by_simulation(replace(start, free=fitted), length, [{}], near_optimum=True, lag=lag,
                             constant_torques=len(fitted) < len(start.free))
@@ -248,7 +249,7 @@ def _candidate_of_free_runs(best: Outcome, seen: Motions, line: np.ndarray) -> C
     values = np.array([outcome.drive.values[n] for n in start.free])
     found = _projected_candidate(replace(outcome.fitted, free=start.free), values, influence, None, outcome, line)
     # The share of laws in the idle torque is collinear with the runs' own idle torques.
-    idle = np.array([quantity_of(n) == "idle_torque" for n in start.free[:len(line)]])
+    idle = np.array([quantity_of(n) in constant for n in start.free[:len(line)]])
     return replace(found, own=np.where(idle, best_candidate.own, found.own), blocks=blocks[:len(line)],
                    influence=np.where(idle, best_candidate.influence, found.influence))
 

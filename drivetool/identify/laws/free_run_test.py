@@ -9,12 +9,15 @@ import numpy as np
 
 from drivetool.identify.estimate import fit_percent
 from drivetool.identify.fit import free_run
-from drivetool.identify.motion import SIGN_SIGNIFICANCE, Smoothing
+from drivetool.identify.motion import SIGN_SIGNIFICANCE, Motions, Smoothing
 from drivetool.identify.noise import Noise, filtered
 from drivetool.identify.problem import Point, solve
 from drivetool.identify.setup import Task, first_point, has_gap, white_std
 
-FREE_RUN_LENGTH = 1.0  # s: errors of friction over half a second show, and the start state is forgotten
+FREE_RUN_LENGTH = 1.0  # s at least: errors of friction over half a second show, and the start state is forgotten
+# Error of straight lines over the std of the speed, from which runs are long enough. A choice: where less is left,
+# the constant torque of each run explains the motion by itself, whatever the drive.
+MIN_STRAIGHT_LINE_SHARE = 0.1
 # Means of a run, at least: fewer only give its constant and slope, which are fitted to each run.
 MIN_MEANS_PER_RUN = 4
 # [s] across a gap: start errors grow a hundredfold in a second, and not yet within this time.
@@ -22,7 +25,7 @@ FREE_RUN_LENGTH_ACROSS_GAP = 0.2
 MIN_RUN_SAMPLES = 20  # samples of a run: twice the least of a stretch
 
 
-def run_length(task: Task, length: float = FREE_RUN_LENGTH) -> float:
+def run_length(task: Task, length: float) -> float:
     """Length [s] of the free runs of a recording: as given, shorter across a gap, more at a low sampling rate."""
     return max(min(length, FREE_RUN_LENGTH_ACROSS_GAP) if has_gap(task) else length,
                MIN_RUN_SAMPLES * max(e.step for e in task.experiments))
@@ -34,12 +37,25 @@ class FreeRunTest:
 
     smoothings  of the first sensor, sampling interval -> Smoothing: errors above its cut-off are noise
     noise       of a fit, by which the runs' first start states are filtered
+    length      of a run [s], where a comparison does not ask for longer ones
     """
 
     smoothings: Mapping[float, Smoothing]
     noise: Noise
+    length: float = FREE_RUN_LENGTH
 
-    def error(self, task: Task, length: float = FREE_RUN_LENGTH) -> float:
+    def with_bent_runs(self, task: Task, seen: Motions) -> FreeRunTest:
+        """The same with runs so long that straight lines leave a tenth of the speed's std; at most the record.
+
+        A servo that follows triangles of speed is straight lines over a second. Across a gap runs stay short.
+        """
+        wanted = MIN_STRAIGHT_LINE_SHARE * float(np.nanstd(seen.all("speed")))
+        longest, length = max(t.size * t.step for t in task.traces()), self.length
+        while not has_gap(task) and length < longest and self.straight_line_error(task, length) < wanted:
+            length = min(2.0 * length, longest)
+        return replace(self, length=length)
+
+    def error(self, task: Task, length: float | None = None) -> float:
         """Root mean square error of the free runs as a speed, of the first output.
 
         Each run has an idle torque of its own: a constant over a run is noise to every candidate alike.
@@ -47,7 +63,7 @@ class FreeRunTest:
         whole = task.problem(free=())
         point = first_point(task.drive, whole, task.roles)
         states = [f.states for f in filtered(whole, point, replace(self.noise, memory=None, slow=None))]
-        problem = task.problem(run_length(task, length), ()).with_constant_torque()
+        problem = task.problem(run_length(task, length or self.length), ()).with_constant_torque()
         starts, k, done = [], 0, 0
         is_angle = task.roles.outputs[0].endswith("angle")
         for trace in problem.traces:
@@ -78,9 +94,10 @@ class FreeRunTest:
         simulated = [self._as_speed(r[:, 0], t.step, is_angle) for r, t in zip(runs, problem.traces, strict=True)]
         return fit_percent(np.concatenate(measured), np.concatenate(simulated))
 
-    def straight_line_error(self, task: Task, length: float = FREE_RUN_LENGTH) -> float:
+    def straight_line_error(self, task: Task, length: float | None = None) -> float:
         """Error of runs with no torque but a constant one: straight lines of the speed; zero if that is noise."""
-        traces, is_angle = task.traces(run_length(task, length)), task.roles.outputs[0].endswith("angle")
+        traces = task.traces(run_length(task, length or self.length))
+        is_angle = task.roles.outputs[0].endswith("angle")
         errors, wide = [], [self.window(t.size, t.step) for t in traces]
         for trace in traces:
             y, place = trace.outputs[:, 0], np.linspace(-1.0, 1.0, trace.size)

@@ -27,15 +27,15 @@ def held_out_errors(field: CandidateSet) -> tuple[float, float]:
     where the parts are too short, or straight lines leave noise alone.
     """
     errors: dict[int, list[float]] = {}
+    length = max(HELD_OUT_RUN_LENGTH, field.judge.length)
     straight = []
     fits = {id(o): o for name in REFITTED_CANDIDATES if (o := field.candidates[name].outcome) is not None
             and o.fit is not None}
     try:
         for late in (True, False):
-            straight.append(field.judge.straight_line_error(_part_of_record(field.task, late, held=True),
-                                                            HELD_OUT_RUN_LENGTH))
+            straight.append(field.judge.straight_line_error(_part_of_record(field.task, late, held=True), length))
             for key, fit in fits.items():
-                errors.setdefault(key, []).append(field.judge.error(_refit_without(fit, late), HELD_OUT_RUN_LENGTH))
+                errors.setdefault(key, []).append(field.judge.error(_refit_without(fit, late), length))
     except NotEnoughData:
         return 0.0, 0.0
     found = [float(np.hypot(*each)) for each in errors.values()]

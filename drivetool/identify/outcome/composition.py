@@ -41,7 +41,14 @@ from drivetool.identify.noise import filtered_normal_equations
 from drivetool.identify.outcome.noise_ratio_uncertainty import noise_ratio_covariance
 from drivetool.identify.outcome.repeats import recording_estimates, repeatability_of, with_scatter
 from drivetool.identify.problem import Point
-from drivetool.identify.setup import UNNAMED_RECORDINGS, Outcome, Task, contradicted_start_findings, problem_of
+from drivetool.identify.setup import (
+    UNNAMED_RECORDINGS,
+    Options,
+    Outcome,
+    Task,
+    contradicted_start_findings,
+    problem_of,
+)
 from drivetool.identify.starts import MAX_AGREEING_LOSS, start_agrees
 from drivetool.quantity import name_of, names_of, quantity_of
 
@@ -58,23 +65,22 @@ CORRELATED = Finding(
     "on its structure.", {}, "Run validate, then diagnose.")
 
 
-def compose(step: str, before: Drive, outcome: Outcome, findings: Sequence[Finding] = (),
+def compose(step: str, before: Drive, outcome: Outcome, options: Options, findings: Sequence[Finding] = (),
             details: Mapping[str, object] | None = None,
-            fit: Mapping[str, float | int | None] | None = None,
-            known: Covariance | None = None, explanation: Explanation | None = None,
+            fit: Mapping[str, float | int | None] | None = None, explanation: Explanation | None = None,
             correlated: Finding = CORRELATED, alone: str = "") -> Estimate:
     """The Estimate of a step.
 
     before    the drive with its start values
+    options   known, hold: which values are stated
     findings  what the step itself found; those of the fit are added
     fit       further figures
-    known     covariance of the given values
     explanation  whose fit the outcome is; the drive is reported without its laws
     correlated   the finding where one-step prediction errors are still correlated
     alone        without an explanation: why there is none
     """
     task, own = outcome.task, outcome.fitted if explanation is None else explanation.own
-    lines, covariance, more = _parameter_lines(before, own, outcome, known, explanation)
+    lines, covariance, sums, more = _parameter_lines(before, own, outcome, options, explanation)
     _, _, runs = free_run(own, noise=outcome.fit.noise if outcome.fit else None)
     traces = own.problem(free=()).traces
     figures = outcome_figures(outcome, traces, runs, explanation.figures if explanation else None)
@@ -88,7 +94,7 @@ def compose(step: str, before: Drive, outcome: Outcome, findings: Sequence[Findi
         step, own.drive, lines, covariance, outcome, fit=figures | dict(fit or {}), details=details or {},
         findings=(*findings, *more), last_findings=last, exhibits=record_plots(outcome, traces, runs),
         starts=starts_of(outcome), repeats=repeats, explanation=explanation.sentence if explanation else alone,
-        laws=explanation.laws if explanation else ())
+        laws=explanation.laws if explanation else (), ratios=sums)
 
 
 def estimate_from_outcome(step: str, drive: Drive, lines: Sequence[Parameter], covariance: Covariance | None,
@@ -107,14 +113,15 @@ def estimate_from_outcome(step: str, drive: Drive, lines: Sequence[Parameter], c
         findings=(*findings, *noise_findings, *last_findings), **more)
 
 
-def _parameter_lines(before: Drive, own: Task, outcome: Outcome, known: Covariance | None,
+def _parameter_lines(before: Drive, own: Task, outcome: Outcome, options: Options,
                      explanation: Explanation | None,
-                     ) -> tuple[tuple[Parameter, ...], Covariance | None, tuple[Finding, ...]]:
-    """The lines of the table, their covariance, and the findings on what is not identifiable.
+                     ) -> tuple[tuple[Parameter, ...], Covariance | None, tuple[Parameter, ...],
+                                tuple[Finding, ...]]:
+    """The lines of the table, their covariance, sums of what is identified jointly, and what is not identifiable.
 
     own  the task at the reported values
     """
-    problem, after = outcome.problem, outcome.drive
+    problem, after, known = outcome.problem, outcome.drive, options.known
     by_held, held = _held_value_covariance(outcome, known)
     parts = (by_held, _friction_split_covariance(outcome),
              outcome.fit and noise_ratio_covariance(problem, outcome.fit))
@@ -137,12 +144,14 @@ def _parameter_lines(before: Drive, own: Task, outcome: Outcome, known: Covarian
     if only_ratios(outcome):
         lines, ratios = without_torque_intervals(lines, outcome)
         findings, more = (), [*more, ratios]
-    lines = without_joint_intervals(lines, own, known)
+    stated = (*(known.names if known else ()), *options.hold)
+    lines, sums, joint = without_joint_intervals(lines, outcome, own, stated)
+    more += joint
     if not_converged(outcome):
-        lines, covariance, more = without_intervals(lines), None, [*more, _not_converged_finding(outcome)]
+        lines, covariance, sums, more = without_intervals(lines), None, (), [*more, _not_converged_finding(outcome)]
     if explanation is not None and explanation.torque_explains_nothing:
-        lines, covariance = without_intervals(lines, "the logged torque explains nothing"), None
-    return lines, covariance, (*findings, *more, *held)
+        lines, covariance, sums = without_intervals(lines, "the logged torque explains nothing"), None, ()
+    return lines, covariance, sums, (*findings, *more, *held)
 
 
 def _known_start_details(task: Task) -> dict[str, object]:

@@ -16,6 +16,7 @@ from .setup import (
     roles_of as roles_of,
     sensor_stds as sensor_stds,
     sensors_of as sensors_of,
+    starts_or_stops as starts_or_stops,
     traces_of as traces_of,
     white_std as white_std,
     with_known_states as with_known_states,

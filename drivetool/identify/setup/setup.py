@@ -158,6 +158,15 @@ def reverses(experiments: Sequence[Experiment]) -> bool:
     return False
 
 
+def starts_or_stops(experiments: Sequence[Experiment]) -> bool:
+    """Whether the motor's torque drives it, and it stands for at least 2 % of a record."""
+    pairs = [(speed, e.signals["motor_torque"][:len(speed)]) for e in experiments
+             if (speed := _motor_speed_in(e)) is not None and "motor_torque" in e.signals]
+    stands = any(np.nanmean(np.abs(speed) < MIN_REVERSAL_SHARE * np.nanmax(np.abs(speed))) > MIN_REVERSAL_SHARE
+                 for speed, _ in pairs)
+    return stands and sum(float(np.nansum(speed * torque)) for speed, torque in pairs) > 0.0
+
+
 def _motor_speed_in(experiment: Experiment) -> np.ndarray | None:
     """The speed of the motor, or the difference of its angle over 20 ms; None: neither was logged."""
     if "motor_speed" in experiment.signals:
