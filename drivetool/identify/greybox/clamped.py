@@ -96,7 +96,8 @@ def with_start_inertia_of_record(drive: Drive, experiments: Sequence[Experiment]
     if len(drive.bodies) > 1 or drive.missing() != [name]:
         return drive
     found = [abs(rough_inertia(speed_of(e, "motor", "the inertia"), e.signals["motor_torque"], e))
-             for e in experiments if "motor_torque" in e.signals and {"motor_speed", "motor_angle"} & set(e.signals)]
+             for e in experiments
+             if "motor_torque" in e.signals and {"motor_speed", "motor_angle"} & set(e.signals)]
     return drive.with_values({name: max(found)}) if max(found, default=0.0) > 0.0 else drive
 
 

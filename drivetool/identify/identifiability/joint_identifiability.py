@@ -31,7 +31,7 @@ def without_joint_intervals(lines: Sequence[Parameter], outcome: Outcome, own: T
     known  names whose values are stated: the intervals contain their uncertainty, if they have one
     """
     lines, sums = _with_sums_of_constant_torques(lines, outcome, own, known)
-    return tuple(_lumped_friction_line(p, own) for p in lines), sums, [_sum_finding(s) for s in sums]
+    return tuple(_lumped_friction_line(p, own) for p in lines), sums, _sum_findings(sums)
 
 
 def only_ratios(outcome: Outcome) -> bool:
@@ -104,12 +104,12 @@ def _stated(total: Parameter) -> str:
     return f"{total.name} = {total.value:.4g} +- {total.std:.2g} {total.unit}"
 
 
-def _sum_finding(total: Parameter) -> Finding:
-    return Finding(
+def _sum_findings(sums: Sequence[Parameter]) -> list[Finding]:
+    return [Finding(
         "note", "idle-torque-not-separable",
         "The drive turns one way, where idle torque and Coulomb friction act alike. This record identifies only "
-        f"{_stated(total)}.", {"sum": total.value, "std": total.std},
-        "Reverse the drive, if it may turn the other way; or state one of them with --hold.")
+        f"{' and '.join(map(_stated, sums))}.", {s.name: s.value for s in sums},
+        "Reverse the drive, if it may turn the other way; or state one of them with --hold.")] if sums else []
 
 
 def _other_constant_torque(name: str, drive: Drive) -> str:
