@@ -79,13 +79,15 @@ def fit_innovations(problem: Problem, point: Point, noise: Noise | None = None, 
     if noise is None:
         noise = fit_ratio(problem, point, Noise(1.0, None, problem.scale))
     best: Fit | None = None
-    rounds, lowest, before = 0, [], np.inf
+    rounds, lowest = 0, []
+    passes = filtered(problem, point, noise)
+    value = minus_log_likelihood(passes)
     for rounds in range(1, max_rounds + 1):
         source = linear if linear is not None and rounds <= 2 else problem
-        gains = [f.gains for f in filtered(source, point, noise)]
+        gains = [f.gains for f in (passes if source is problem else filtered(source, point, noise))]
         solution = _solve_round(problem, point, gains, noise, rounds + 2 if near_optimum else rounds)
         moved = _distance_in_std(problem, point, solution)
-        solution = _with_backtracking(problem, point, solution, noise)
+        solution = _with_backtracking(problem, point, value, solution, noise)
         point = solution.point
         converged = near_optimum or rounds >= 2
         whole_range = (rounds == 2 and not near_optimum) or rounds % WHOLE_RANGE_PERIOD == 0
@@ -94,15 +96,14 @@ def fit_innovations(problem: Problem, point: Point, noise: Noise | None = None, 
                  if estimate_noise else noise)
         change = abs(np.log(fresh.ratio / noise.ratio))
         noise = fresh
-        passes = filtered(problem, point, noise, keep=False)
-        value = minus_log_likelihood(passes)
+        passes = filtered(problem, point, noise)
+        value, before = minus_log_likelihood(passes), value
         if rounds >= MIN_ROUNDS_BEFORE_ABANDONING and value > wanted + ABANDON_EXCESS:
             break
         at_rest = moved < 0.05 and (change < 0.05 or (bool(lowest) and abs(value - before) < 0.02))
-        before = value
         lowest.append(min(value, lowest[-1]) if lowest else value)
         if best is None or value < best.value + MAX_LIKELIHOOD_LOSS:
-            best = Fit(solution, noise, value, tuple(passes), rounds, 0.0, False)
+            best = Fit(solution, noise, value, _without_gains(passes), rounds, 0.0, False)
         if at_rest and rounds >= (2 if near_optimum else 3) and source is problem:
             return replace(best, rounds=rounds, converged=True)
     gain = lowest[-4] - lowest[-1] if len(lowest) > 3 else np.inf
@@ -148,8 +149,8 @@ def with_global_noise_search(problem: Problem, fit: Fit) -> Fit:
 
 def _solve_round(problem: Problem, point: Point, gains: Sequence[ObserverGains], noise: Noise,
                  rounds: int) -> Solution:
-    tolerance = 1e-5 if rounds == 1 else 1e-7  # `settle` does the last digits
-    return solve_under_noise(problem, point, gains, noise, relative=tolerance,
+    # `refit_with_tight_tolerance` does the last digits.
+    return solve_under_noise(problem, point, gains, noise, relative=1e-5 if rounds == 1 else 1e-7,
                              hold=problem.later if rounds == 1 else None,
                              max_iterations=60 if rounds <= 2 else MAX_LATER_STEPS)
 
@@ -163,12 +164,21 @@ def solve_under_noise(problem: Problem, point: Point, gains: Sequence[ObserverGa
     return replace(solution, point=Point(solution.point.values, tuple(s[:-1] for s in solution.point.starts)))
 
 
-def _with_backtracking(problem: Problem, before: Point, solution: Solution, noise: Noise) -> Solution:
+def _without_gains(passes: Sequence[Filtered]) -> tuple[Filtered, ...]:
+    """The passes as without `keep`: a fit, which lives longer, needs no gains and states, the largest arrays."""
+    return tuple(replace(f, gains=replace(f.gains, gain=f.gains.gain[:0].copy()), states=f.states[:0].copy())
+                 for f in passes)
+
+
+def _with_backtracking(problem: Problem, before: Point, value: float, solution: Solution,
+                       noise: Noise) -> Solution:
     """The solution, or a point on the way to it, where the likelihood itself does not get worse.
 
     Across a gap, frozen gains can lead to a point that new gains make unlikely.
+
+    value  -log likelihood before
     """
-    limit, share = minus_log_likelihood_at(problem, before, noise) + MAX_LIKELIHOOD_LOSS, 1.0
+    limit, share = value + MAX_LIKELIHOOD_LOSS, 1.0
     point = solution.point
     while minus_log_likelihood_at(problem, point, noise) > limit and share > 0.05:
         share *= 0.4
@@ -184,10 +194,9 @@ def _distance_in_std(problem: Problem, before: Point, solution: Solution) -> flo
     matrix, _, _ = schur(solution.normal)
     if not np.all(np.isfinite(matrix)):  # the model diverges there
         return np.inf
-    variance = problem.variance(solution.cost)
     size = np.sqrt(np.maximum(np.diag(matrix), 1e-200))
     inverse = np.linalg.pinv(matrix / np.outer(size, size), rcond=1e-13, hermitian=True)
-    std = np.sqrt(np.maximum(variance * np.diag(inverse), 1e-300)) / size
+    std = np.sqrt(np.maximum(problem.variance(solution.cost) * np.diag(inverse), 1e-300)) / size
     return float(np.max(np.abs(solution.point.values - before.values) / std))
 
 
@@ -195,7 +204,7 @@ def _sensor_scales(problem: Problem, point: Point, noise: Noise) -> Noise:
     """Rescale the sensors so that their normalised innovations have one variance."""
     if len(noise.scale) == 1:
         return noise
-    passes = filtered(problem, point, noise, keep=False)
-    normalised = np.concatenate([f.innovations / np.sqrt(f.variance) for f in passes])
+    normalised = np.concatenate([f.innovations / np.sqrt(f.variance)
+                                 for f in filtered(problem, point, noise, keep=False)])
     stds = [np.sqrt(np.nanmean(z**2)) for z in normalised.T]
     return replace(noise, scale=noise.scale * np.array(stds) / stds[0])
