@@ -81,8 +81,11 @@ def acceleration(experiments: Sequence[Experiment], drive: Drive, options: Optio
         {n: held_value(n, drive, rigid) for n in rigid.names if rigid.names[n] in options.hold})
     # No free runs for comparison: with a torque of their own they have no information where the logged one is
     # constant.
+    hold = {n for n in rigid.names if rigid.names[n] in options.hold}
+    # In one direction the constant torque is reported with the Coulomb friction in it.
+    hold |= set() if turns_both_ways(spans) else {"motor.coulomb"}
     fit_options = replace(options, known=None, free=(), criterion="innovations",
-                    hold=tuple(n for n in rigid.names if rigid.names[n] in options.hold))
+                          hold=tuple(n for n in rigid.names if n in hold))
     shared, cut = _fit_block_means(experiments, spans, start, fit_options)
     found = fit_with_mean_torque(shared, cut, start, fit_options)
     inertia = found.estimate.line("motor.inertia")

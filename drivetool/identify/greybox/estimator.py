@@ -89,7 +89,8 @@ def greybox(experiments: Sequence[Experiment], drive: Drive, options: Options) -
         return _by_inverse(experiments, drive, options, roles)
     drive = with_friction_that_holds(with_frictions(drive, roles, options), experiments, options)
     requested, options = options, with_all_expanded(options, drive, experiments)
-    free = shared_free_names(free_parameters(drive, default_free(drive, experiments), options), drive, experiments)
+    default = default_free(drive, experiments, options.hold)
+    free = shared_free_names(free_parameters(drive, default, options), drive, experiments)
     check_torque_scale(drive, free, roles, options.hold)
     if options.criterion == "frequency":
         from drivetool.identify.frequency import greybox_by_frequency
@@ -134,7 +135,8 @@ def _by_inverse(experiments: Sequence[Experiment], drive: Drive, options: Option
 
     # The motion is known, so that the motor's friction is separately identifiable.
     drive = with_friction_parts(drive)
-    free = free_parameters(drive, default_free(drive, experiments), with_all_expanded(options, drive, experiments))
+    default = default_free(drive, experiments, options.hold)
+    free = free_parameters(drive, default, with_all_expanded(options, drive, experiments))
     free = shared_free_names(free, drive, experiments)
     if not nonlinear_behind_motor(drive, free):
         # Only one constant torque is identifiable, wherever it acts: the motor's, unless others are requested.
@@ -149,8 +151,11 @@ def nonlinear_behind_motor(drive: Drive, free: Sequence[str]) -> bool:
                and (n in free or (drive.value(n) or 0.0) > 0.0) for n in drive.quantities)
 
 
-def default_free(drive: Drive, experiments: Sequence[Experiment]) -> tuple[str, ...]:
+def default_free(drive: Drive, experiments: Sequence[Experiment], hold: Sequence[str] = ()) -> tuple[str, ...]:
     """Inertias, shafts, friction sums, and Coulomb friction where the motion reverses.
+
+    Where a drive turns one way, and starts or stops, Coulomb friction stands for the constant torques, unless it is
+    to be held.
 
     A body that is clamped in every recording is not identifiable. Before a clamp a shaft's damping includes the
     viscous friction, and its twist a constant torque.
@@ -166,13 +171,13 @@ def default_free(drive: Drive, experiments: Sequence[Experiment]) -> tuple[str, 
         names += [total] if total in drive.values and len(parts) > 1 else parts
     names = [n for n in names if owner_of(n) not in hidden]
     coulomb = [name_of(b, "coulomb") for b in drive.bodies if (drive.value(name_of(b, "coulomb")) or 0.0) > 0.0]
-    one_direction = not reverses(experiments)
-    if one_direction and starts_or_stops(experiments):
+    coulomb = coulomb or [name_of(drive.bodies[0], "coulomb")]
+    if reverses(experiments):
+        return (*names, *coulomb)
+    if starts_or_stops(experiments) and not set(coulomb) & set(hold):
         # Only their sum acts on the motion, and only Coulomb friction holds the drive at standstill.
-        names = [n for n in names if quantity_of(n) != "idle_torque"]
-    elif one_direction:
-        return tuple(names)
-    return (*names, *(coulomb or [name_of(drive.bodies[0], "coulomb")]))
+        return (*(n for n in names if quantity_of(n) != "idle_torque"), *coulomb)
+    return tuple(names)
 
 
 def with_friction_that_holds(drive: Drive, experiments: Sequence[Experiment], options: Options) -> Drive:
@@ -196,7 +201,7 @@ def with_all_expanded(options: Options, drive: Drive, experiments: Sequence[Expe
     if ALL not in options.free:
         return options
     free = [n for n in options.free if n != ALL]
-    free += [n for n in default_free(drive, experiments) if n not in options.hold]
+    free += [n for n in default_free(drive, experiments, options.hold) if n not in options.hold]
     return replace(options, free=tuple(dict.fromkeys(free)))
 
 
