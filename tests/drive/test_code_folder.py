@@ -7,6 +7,7 @@ import time
 import warnings
 from pathlib import Path
 
+import llvmlite
 import pytest
 
 from drivetool.drive.compile import code_folder, lowered
@@ -201,7 +202,7 @@ def test_the_folder_is_named_after_all_compiled_sources(tmp_path, name):
 
 
 def test_and_after_what_emits_it(monkeypatch):
-    monkeypatch.setattr(code_folder.llvmlite, "__version__", "99")
+    monkeypatch.setattr(llvmlite, "__version__", "99")
     assert code_folder.folder_name() != NAME
 
 

@@ -100,9 +100,8 @@ def test_intervals_hold_where_the_likeliest_torque_noise_is_often_none():
 def test_greybox_states_the_averaged_interval():
     record = coasting(104, 0.02 * NATURAL)
     drive = one_body().with_values({"motor.inertia": INERTIA, "motor.viscous": 0.0, "motor.idle_torque": 0.4})
-    line = next(p for p in greybox([record], drive, Options(
-        hold=("motor.inertia", "motor.viscous"), free=("motor.idle_torque",))).parameters
-        if p.name == "motor.idle_torque")
+    (line,) = greybox([record], drive, Options(
+        hold=("motor.inertia", "motor.viscous"), free=("motor.idle_torque",))).ratios  # with Coulomb friction
     alone, averaged = mean_square(fitted(record))
     assert line.std == pytest.approx(np.sqrt(averaged), rel=1e-3)
     assert averaged > 1.2 * alone

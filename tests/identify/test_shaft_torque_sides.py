@@ -84,7 +84,7 @@ def test_friction_unidentified_in_a_short_record_stands_as_in_the_file_with_its_
 
 def test_what_is_requested_to_be_free_is_fitted_however_uncertain(steady_estimate):
     estimate = fitted(steady_estimate, 0.9, free=("load.idle_torque",))
-    assert {p.name: p.status for p in estimate.parameters}["load.idle_torque"] == "fitted"
+    assert "load.idle_torque + load.coulomb" in {p.name for p in estimate.ratios}  # the drive turns one way
 
 
 @pytest.mark.parametrize(("off", "own_sides", "far"), [

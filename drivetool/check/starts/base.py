@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from drivetool.check.starts.start import Bounds, Start
+from drivetool.identify.problem import Point
 from drivetool.quantity import name_of, names_of, quantity_of
 
 if TYPE_CHECKING:
@@ -109,7 +110,6 @@ def likeliest_start(base: Model, starts: Sequence[Start]) -> list[Start]:
     """Of starts that differ in one value, the one under which the records are likeliest, all else held."""
     from drivetool.check.fit import transferred_point
     from drivetool.identify.noise import filtered, minus_log_likelihood
-    from drivetool.identify.problem import Point
     from drivetool.identify.setup import problem_of
 
     def loss(start: Start) -> float:

@@ -88,7 +88,7 @@ def _compile(parts: list[str]) -> None:
     if done.returncode != 0:
         last = (done.stderr.strip().splitlines() or ["no reason given"])[-1]
         raise DriveToolError(f"the kernel, compiled in {folder()}", last,
-                             "Install drivetool and its requirements again, or numba; is there room on the disk?")
+                             "Install drivetool and its requirements again; is there room on the disk?")
 
 
 @contextmanager
