@@ -6,10 +6,11 @@ import numpy as np
 import pytest
 
 from drivetool.drive import one_body
+from drivetool.errors import NotEnoughData
 from drivetool.identify.estimate.interval_and_status import inverted
 from drivetool.identify.problem.least_squares import solve
 from drivetool.identify.problem.problem import Point
-from drivetool.identify.setup.setup import roles_of
+from drivetool.identify.setup.setup import roles_of, traces_of
 from drivetool.identify.setup.task import Task
 from tests.recover import experiment
 
@@ -86,3 +87,10 @@ def test_without_a_torque_of_its_own_the_inertia_takes_it_up():
 def test_no_direction_at_all_has_no_inverse_and_no_error():
     inverse, lost = inverted(np.zeros((0, 0)), 1e-10)
     assert inverse.shape == (0, 0) and lost.shape == (0,)
+
+
+def test_pieces_are_bounded_by_the_samples_and_not_by_the_duration():
+    """Stamps in a wrong unit: a second is cut into as many pieces as there are samples, and none is long enough."""
+    record = experiment(np.zeros(1000), np.zeros(1000), step=1e9)
+    with pytest.raises(NotEnoughData, match="10 samples"):
+        traces_of([record], roles_of([record], one_body()), 1.0)

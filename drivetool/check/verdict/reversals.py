@@ -56,7 +56,9 @@ def reversal_plots(views: Sequence[View], reversals: Sequence[Sequence[Reversals
     """Mean and rms of the error around reversals, with its sign changed where the signal falls."""
     found = []
     step = float(np.median(np.diff(views[0].time)))
-    reach = np.arange(-round(TIME_BEFORE_REVERSAL / step), round(TIME_AFTER_REVERSAL / step) + 1)
+    longest = max(len(view.time) for view in views)  # with stamps in a wrong unit a record is shorter than the plot
+    before, after = (min(round(time / step), longest) for time in (TIME_BEFORE_REVERSAL, TIME_AFTER_REVERSAL))
+    reach = np.arange(-before, after + 1)
     for what in dict.fromkeys(r.what for each in reversals for r in each):
         cuts = {"before": [], "after": []}
         for view, each in zip(views, reversals, strict=True):

@@ -111,7 +111,8 @@ def traces_of(experiments: Sequence[Experiment], roles: Roles, segment: float = 
         u = np.column_stack([e.signals[r] for r in roles.inputs])
         y = np.column_stack([e.signals[r] for r in roles.outputs])
         for first, last in e.segments:
-            pieces = max(1, round((last - first) * e.step / segment)) if segment > 0.0 else 1
+            count = last - first  # stamps in a wrong unit make a record of years: a piece has a sample at least
+            pieces = max(1, round(count * min(e.step / segment, 1.0))) if segment > 0.0 else 1
             edges = np.linspace(first, last, pieces + 1).round().astype(int)
             found += [Trace(np.ascontiguousarray(u[a:b]), np.ascontiguousarray(y[a:b]), e.step, e.name,
                             e.offset + a * e.step, e.number, u[first:a] if a > first else None,
