@@ -53,6 +53,7 @@ from drivetool.identify.setup import (
     check_torque_scale,
     has_gap,
     known_states,
+    refuse_other_free,
     reverses,
     roles_of,
     shared_free_names,
@@ -92,8 +93,11 @@ def greybox(experiments: Sequence[Experiment], drive: Drive, options: Options) -
     free = shared_free_names(free_parameters(drive, default_free(drive, experiments), options), drive, experiments)
     check_torque_scale(drive, free, roles, options.hold)
     if options.criterion == "frequency":
-        from drivetool.identify.frequency import greybox_by_frequency
+        from drivetool.identify.frequency import NONLINEAR, greybox_by_frequency
 
+        nonlinear = [n for n in requested.free if quantity_of(n) in NONLINEAR]
+        refuse_other_free("greybox --criterion frequency", nonlinear, [n for n in free if quantity_of(n) not in
+                          NONLINEAR], "Take a criterion in time: this one fits a linear response.")
         return greybox_by_frequency(experiments, drive, free, options)
     task = Task(drive, free, roles, tuple(experiments), known_states(options.start, drive, free, roles))
     outcome, outlier_findings = without_outliers(fit_with_friction_split(task, options, requested, [{}]))
@@ -202,8 +206,6 @@ def with_all_expanded(options: Options, drive: Drive, experiments: Sequence[Expe
 
 def free_parameters(drive: Drive, default: Sequence[str], options: Options) -> tuple[str, ...]:
     """The free parameters after --hold and --free, in the drive's order."""
-    if both := set(options.hold) & set(options.free):
-        raise BadOption("a parameter held or free", f"{', '.join(sorted(both))} as both", "Drop one of the two.")
     names = (set(default) | set(options.free)) - set(options.hold)
     for name in names:
         if choice := drive.quantity(name).choice:
