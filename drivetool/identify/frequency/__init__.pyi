@@ -8,7 +8,6 @@ from .estimator import (
 )
 from .frequency_fit import (
     MAX_CHI_SQUARE as MAX_CHI_SQUARE,
-    NONLINEAR as NONLINEAR,
     LineProblem as LineProblem,
     greybox_by_frequency as greybox_by_frequency,
     line_weights as line_weights,

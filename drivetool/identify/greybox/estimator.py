@@ -53,7 +53,6 @@ from drivetool.identify.setup import (
     check_torque_scale,
     has_gap,
     known_states,
-    refuse_other_free,
     reverses,
     roles_of,
     shared_free_names,
@@ -93,11 +92,8 @@ def greybox(experiments: Sequence[Experiment], drive: Drive, options: Options) -
     free = shared_free_names(free_parameters(drive, default_free(drive, experiments), options), drive, experiments)
     check_torque_scale(drive, free, roles, options.hold)
     if options.criterion == "frequency":
-        from drivetool.identify.frequency import NONLINEAR, greybox_by_frequency
+        from drivetool.identify.frequency import greybox_by_frequency
 
-        nonlinear = [n for n in requested.free if quantity_of(n) in NONLINEAR]
-        refuse_other_free("greybox --criterion frequency", nonlinear, [n for n in free if quantity_of(n) not in
-                          NONLINEAR], "Take a criterion in time: this one fits a linear response.")
         return greybox_by_frequency(experiments, drive, free, options)
     task = Task(drive, free, roles, tuple(experiments), known_states(options.start, drive, free, roles))
     outcome, outlier_findings = without_outliers(fit_with_friction_split(task, options, requested, [{}]))

@@ -9,6 +9,7 @@ from typing import Literal
 from drivetool.errors import BadOption
 from drivetool.identify.estimate import Covariance
 from drivetool.identify.setup.start import KnownStart
+from drivetool.quantity import quantity_of
 
 Criterion = Literal["auto", "innovations", "simulation", "frequency", "inverse"]
 Method = Literal["speeds", "acceleration", "coast-down"]
@@ -17,6 +18,8 @@ Weighting = Literal["variance", "coherence"]
 # little to fit, less too little to compare.
 HELD_OUT_SHARE = 0.3
 STEP_SPECIFIC = {"of_one_step": True}  # of a field: result files list it only where it differs from its default
+# Parameters that a linear response does not have.
+NONLINEAR = ("idle_torque", "coulomb", "drift_coulomb", "bristle_stiffness", "bristle_damping", "half_gap")
 OF_EVERY_STEP = ("hold", "free", "known")
 # Step, and the option that selects another fit of it -> the other options that it uses, or refuses by itself.
 USED_OPTIONS: Mapping[str, tuple[str, ...]] = {
@@ -89,7 +92,7 @@ class Options:
 
 
 def refuse_unused(step: str, options: Options) -> None:
-    """Raise BadOption where an option differs from its default and the step does not use it."""
+    """Raise BadOption where the step does not use an option that differs from its default, or a name after --free."""
     ways = [f"{step} --{name} {getattr(options, name)}" for name in ("criterion", "structure", "method")]
     way = next((each for each in ways if each in USED_OPTIONS), step)
     used, default = USED_OPTIONS[way], Options()
@@ -99,6 +102,9 @@ def refuse_unused(step: str, options: Options) -> None:
             raise BadOption(f"options that {way} uses", _word(name),
                             f"Leave it out{f', or take {others[0]}' if others else ''}.",
                             [_word(n) for n in ("hold", "free", *used)])
+    if options.criterion == "frequency":
+        refuse_other_free(way, [n for n in options.free if quantity_of(n) in NONLINEAR], (),
+                          "Take a criterion in time: this one fits a linear response.")
 
 
 def _word(name: str) -> str:
