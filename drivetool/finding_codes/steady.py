@@ -38,8 +38,9 @@ CODES = {
     "nonlinear-friction": Code(
         WARNING,
         "Friction is not a linear function of speed. At constant speeds or torques a quadratic term is "
-        "significant by more than four standard deviations; or a coast-down leaves a residual beyond the quantisation of the sensor. "
-        "Air drag, Stribeck friction, breakaway friction and pairs of them are then fitted. The text states the "
+        "significant by more than four standard deviations; or a coast-down leaves a residual beyond the "
+        "quantisation of the sensor. Air drag, Stribeck friction, breakaway friction and pairs of them are then "
+        "fitted. The text states the "
         "likeliest, others within a log likelihood of 10, and the error reduction on another coast-down from the "
         "same speed.",
         "Fit the stated law: with `steady --free motor.drag` at constant speeds, with `steady --method coast-down "

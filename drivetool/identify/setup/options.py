@@ -92,24 +92,19 @@ class Options:
 
 
 def refuse_unused(step: str, options: Options) -> None:
-    """Raise BadOption where the step does not use an option that differs from its default, or a name after --free."""
+    """Raise BadOption where the step does not use an option that is not at its default, or a free name."""
     ways = [f"{step} --{name} {getattr(options, name)}" for name in ("criterion", "structure", "method")]
     way = next((each for each in ways if each in USED_OPTIONS), step)
     used, default = USED_OPTIONS[way], Options()
     for name in (f.name for f in fields(Options) if f.name not in (*OF_EVERY_STEP, *used)):
         if getattr(options, name) != getattr(default, name):
             others = [each for each, names in USED_OPTIONS.items() if each.split()[0] == step and name in names]
-            raise BadOption(f"options that {way} uses", _word(name),
-                            f"Leave it out{f', or take {others[0]}' if others else ''}.",
-                            [_word(n) for n in ("hold", "free", *used)])
+            words = [f"--{n.replace('_', '-')}" for n in (name, "hold", "free", *used)]
+            raise BadOption(f"options that {way} uses", words[0],
+                            f"Leave it out{f', or take {others[0]}' if others else ''}.", words[1:])
     if options.criterion == "frequency":
         refuse_other_free(way, [n for n in options.free if quantity_of(n) in NONLINEAR], (),
                           "Take a criterion in time: this one fits a linear response.")
-
-
-def _word(name: str) -> str:
-    """The option of the command line for a field."""
-    return f"--{name.replace('_', '-')}"
 
 
 def refuse_other_free(step: str, free: Sequence[str], possible: Collection[str], do: str = "Free it in greybox.",
