@@ -37,13 +37,14 @@ CODES = {
         "damping of a shaft leave more time between torque steps."),
     "nonlinear-friction": Code(
         WARNING,
-        "Friction is not a linear function of speed. At constant torque a quadratic term is significant by more "
-        "than four standard deviations; or a coast-down leaves a residual beyond the quantisation of the sensor. "
-        "Air drag, Stribeck friction, breakaway friction and pairs of them are then fitted. The text states the "
+        "Friction is not a linear function of speed. At constant speeds or torques a quadratic term is "
+        "significant by more than four standard deviations; or a coast-down leaves a residual beyond the "
+        "quantisation of the sensor. Air drag, Stribeck friction, breakaway friction and pairs of them are then "
+        "fitted. The text states the "
         "likeliest, others within a log likelihood of 10, and the error reduction on another coast-down from the "
         "same speed.",
-        "Fit the stated law with `steady --method coast-down --free`, or `greybox --free motor.drag`; where none "
-        "is stated, look at the picture."),
+        "Fit the stated law: with `steady --free motor.drag` at constant speeds, with `steady --method coast-down "
+        "--free`, or with `greybox --free motor.drag`; where none is stated, look at the picture."),
     "ratios-only": Code(
         NOTE,
         "Without a torque, inertia and friction scaled by a common factor give the same coast-down. Only their "
@@ -67,8 +68,8 @@ CODES = {
     "single-speed": Code(
         WARNING,
         "All steady intervals have one speed. The slope and the offset of the friction line are not identifiable "
-        "separately.",
-        "Record steady intervals at two or more very different speeds."),
+        "separately. With a free drag two speeds are too few.",
+        "Record steady intervals at two or more very different speeds, at three or more for a drag."),
     "staged-fit": Code(
         NOTE_OR_WARNING,
         "The coast-down was fitted window by window (`--stages`). Each window holds the parameters of later "

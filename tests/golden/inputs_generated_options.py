@@ -22,12 +22,13 @@ OPTIONS: dict[str, tuple] = {
     "blackbox-three": ("", 3, [f"{BLACK} --drive three-mass --structure oe --order 5 -o fit.yaml", SHOW]),
     "blackbox-one": ("", 1, [f"{BLACK} --drive one-body --structure arx --order 1 --json", f"{BLACK} -o two.yaml"]),
     "blackbox-options": ("", 2, [
-        f"{BLACK} {START} --structure bj --order 3 --noise-order 1 --seed 2 --starts 2 -o fit.yaml --strict",
+        f"{BLACK} {START} --structure bj --order 3 --noise-order 1 -o fit.yaml --strict",
+        f"{BLACK} {START} --seed 2",
         f"{BLACK} {START} --structure oe --criterion frequency --weighting coherence --band 2 100 -q --json "
         "--debug",
         f"{BLACK} {START} --structure oe --criterion frequency --weighting variance --band 2 100 -o variance.yaml",
-        f"{BLACK} {START} --criterion simulation --segment 1 --hold total.idle_torque --set load.inertia=1 "
-        "--free total.viscous --condition 'keep from=0.5 to=2.5' -o held.yaml", SHOW]),
+        f"{BLACK} {START} --criterion simulation --segment 1 --starts 2 --hold total.idle_torque "
+        "--set load.inertia=1 --free total.viscous --condition 'keep from=0.5 to=2.5' -o held.yaml", SHOW]),
     "greybox-options": ("coulomb-motor", 2, [
         f"{GREY} --criterion simulation --segment 1 --starts 2 --seed 5 --hold shaft.damping "
         "--free motor.coulomb --set 'motor.inertia=1 kg m^2' --strict -q",
@@ -62,7 +63,9 @@ OPTIONS: dict[str, tuple] = {
     "steady": ("coulomb-motor", 1, [
         f"steady {TWO} --drive one-body -o steady.yaml --method speeds --plot p1 --strict",
         f"steady record1.parquet {START} --hold motor.viscous --free motor.coulomb --set motor.inertia=1 "
-        "--seed 2 --starts 1 --criterion auto --condition 'keep from=0 to=2' -q --json",
+        "--criterion auto --condition 'keep from=0 to=2' -q --json",
+        f"steady record1.parquet {START} --free motor.drag -o fan.yaml",
+        f"steady record1.parquet {START} --seed 2", f"steady record1.parquet {START} --starts 1",
         f"steady record1.parquet {START} --method acceleration -o acceleration.yaml",
         "steady record1.parquet --drive one-body --method coast-down --debug -o down.yaml",
         f"steady record1.parquet {START} --record record1.parquet start=free",

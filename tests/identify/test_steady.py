@@ -226,6 +226,106 @@ def test_a_bend_widens_the_intervals():
     assert by_name["motor.viscous"].std > 5 * plain["motor.viscous"].std
 
 
+DRAG = 2e-3
+FAN_TRUTH = {"motor.viscous": VISCOUS, "motor.idle_torque": IDLE, "motor.coulomb": COULOMB, "motor.drag": DRAG}
+FREE_DRAG = {"free": ("motor.drag",)}
+
+
+def fan(levels, seed=1, column=0, count=1, drag=DRAG, **more):
+    """A record of `one` with the torque of a fan beside."""
+    speed, torque = (signal[:, column] for signal in records(levels, count, seed, coulomb=COULOMB, **more))
+    return experiment(speed, torque + drag * speed * np.abs(speed))
+
+
+def test_a_free_drag_is_fitted_with_an_interval():
+    found, by_name = run(fan(BOTH_DIRECTIONS), **FREE_DRAG)
+    for name, value in FAN_TRUTH.items():
+        line = by_name[name]
+        assert line.value == pytest.approx(value, abs=4 * line.std) and line.ci95[0] < value < line.ci95[1], name
+    assert by_name["motor.drag"].std < 0.05 * DRAG and by_name["motor.drag"].unit == "Nm s^2/rad^2"
+    assert found.drive.values["motor.drag"] == by_name["motor.drag"].value
+    assert set(found.covariance.names) == set(FAN_TRUTH) and not codes(found)
+    speed, torque = found.exhibits[0].curves["fit forward"]
+    assert torque[-1] - torque[0] == pytest.approx(VISCOUS * speed[-1] + DRAG * speed[-1] ** 2, rel=0.05)
+
+
+def test_a_fan_in_one_direction_of_a_drive_of_two_bodies():
+    found, by_name = run(fan(LEVELS), two_mass(), **FREE_DRAG)
+    assert by_name["motor.drag"].value == pytest.approx(DRAG, abs=4 * by_name["motor.drag"].std)
+    assert by_name["total.viscous"].value == pytest.approx(VISCOUS, abs=4 * by_name["total.viscous"].std)
+    assert "nonlinear-friction" not in codes(found)
+
+
+@pytest.mark.slow
+def test_intervals_of_a_fan_hold():
+    """Binomial test at a family error of 1e-3 over four parameters: 240 records, 95 % intervals."""
+    count = 240
+    speed, torque = records(BOTH_DIRECTIONS, count, seed=12, coulomb=COULOMB)
+    torque = torque + DRAG * speed * np.abs(speed)
+    hits = dict.fromkeys(FAN_TRUTH, 0)
+    for k in range(count):
+        _, by_name = run(experiment(speed[:, k], torque[:, k]), **FREE_DRAG)
+        for name, truth in FAN_TRUTH.items():
+            hits[name] += by_name[name].ci95[0] <= truth <= by_name[name].ci95[1]
+    for name, hit in hits.items():
+        assert stats.binomtest(hit, count, 0.95).pvalue > 1e-3 / 4, (name, hit / count)
+
+
+@pytest.mark.parametrize("levels", [(20.0,), (20.0, 40.0), (20.0, -20.0, 40.0, -40.0)])
+def test_too_few_speeds_do_not_determine_a_drag(levels):
+    found, by_name = run(fan(levels, dwell=8.0), **FREE_DRAG)
+    for name in ("motor.drag", "motor.viscous"):
+        line = by_name[name]
+        assert (line.status, line.std, line.ci95) == ("not-identifiable", None, None)
+        assert "three or more speeds" in line.reason
+    said = next(f for f in found.findings if f.code == "single-speed")
+    assert "motor.drag" in said.text and "three or more speeds" in said.action
+    given = one_body().with_values({"motor.drag": DRAG})
+    line = run(fan((20.0, 40.0), dwell=8.0), given)[1]["motor.viscous"]
+    assert line.status == "fitted" and line.value == pytest.approx(VISCOUS, abs=4 * line.std)
+
+
+def test_a_drag_that_is_not_free_is_named():
+    found, _ = run(fan(BOTH_DIRECTIONS))
+    (said,) = [f for f in found.findings if f.code == "nonlinear-friction"]
+    assert said.severity == "warning" and "--free motor.drag" in said.action
+    assert said.evidence["drag"] == pytest.approx(DRAG, abs=4 * said.evidence["std"])
+    for log in (one(BOTH_DIRECTIONS, coulomb=COULOMB), fan(BOTH_DIRECTIONS, drag=-1e-4)):
+        assert "nonlinear-friction" not in codes(run(log)[0])
+
+
+def test_a_free_drag_without_a_fan_is_zero():
+    _, by_name = run(fan(BOTH_DIRECTIONS, drag=0.0), **FREE_DRAG)
+    low, high = by_name["motor.drag"].ci95
+    assert low <= 0.0 <= high < 0.1 * DRAG
+
+
+def test_the_drag_of_each_body_with_a_shaft_torque():
+    speed, torque = (signal[:, 0] for signal in records(BOTH_DIRECTIONS, coulomb=COULOMB))
+    rng = np.random.default_rng(5)
+    shaft = 0.02 * speed + DRAG * speed * np.abs(speed) + 0.05 * rng.normal(size=len(speed))
+    log = experiment(speed, torque + DRAG * speed * np.abs(speed), shaft_torque=shaft)
+    found, by_name = run(log, two_mass(), free=("load.drag",))
+    assert by_name["load.drag"].value == pytest.approx(DRAG, abs=4 * by_name["load.drag"].std)
+    assert "motor.drag" not in by_name and "nonlinear-friction" not in codes(found)
+
+
+@pytest.mark.parametrize(("free", "drive", "said"), [
+    (("shaft.stiffness",), two_mass(), "shaft.stiffness"), (("motor.inertia",), one_body(), "motor.inertia"),
+    (("all",), one_body(), "all"), (("motor.viscous",), two_mass(), "total.viscous"),
+    (("motor.drag", "load.drag"), two_mass(), "only the sum"),
+    (("load.drag",), two_mass().with_values({"shaft.ratio": 3.0}), "turns as fast as the motor")])
+def test_what_the_line_does_not_have_cannot_be_free(free, drive, said):
+    with pytest.raises(BadOption, match=said) as caught:
+        run(fan(LEVELS), drive, free=free)
+    assert free[-1] in str(caught.value)
+
+
+def test_a_parameter_is_held_or_free():
+    with pytest.raises(BadOption, match=r"motor\.drag as both"):
+        Options(hold=("motor.drag",), free=("motor.drag",))
+
+
 def test_standstill_is_left_out():
     found, _ = run(one((20.0, 0.0, 40.0), coulomb=0.0))
     assert "stretches-left-out" in codes(found)

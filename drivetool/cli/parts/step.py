@@ -77,7 +77,7 @@ def run(job: Job, estimator: Estimator, options: Options) -> int:
     """Open, estimate, deliver; the exit code."""
     from drivetool.files.results import estimate_file
     from drivetool.identify.channels import used_by
-    from drivetool.identify.setup import Options
+    from drivetool.identify.setup import Options, refuse_unused
     from drivetool.identify.shaft_torque import check_shaft_torque
     from drivetool.logs import refuse_copies
 
@@ -85,6 +85,7 @@ def run(job: Job, estimator: Estimator, options: Options) -> int:
         raise BadOption("--method coast-down with --record of steady", f"--method {options.method}",
                         "Give --method coast-down, or leave out --record: other methods assume equal conditions in "
                         "all recordings.")
+    refuse_unused(job.step, options)
     opened = open_all(job)
     refuse_copies(opened.experiments)
     differences = record_differences(job, opened.experiments, drive_for(job, opened, free=options.free))

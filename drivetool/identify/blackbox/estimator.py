@@ -32,6 +32,7 @@ from drivetool.identify.setup import (
     Task,
     at_rates,
     both_outputs,
+    refuse_other_free,
     refuse_transmission_loss,
     roles_of,
     traces_of,
@@ -106,11 +107,8 @@ def _check_options(drive: Drive, options: Options) -> None:
             "Its conversion exists for two masses only: use --structure oe, or give start values with --set and go "
             "on to greybox.")
     friction = "total.viscous" if drive.shafts else name_of(drive.bodies[0], "viscous")
-    for name in options.free:
-        if name not in (friction, ALL):
-            drive.quantity(name)
-            raise BadOption(f"{friction} after --free", name,
-                            "The black box fits its own coefficients, and nothing else; free it in greybox.")
+    refuse_other_free("blackbox", options.free, (friction, ALL),
+                      "The black box fits its own coefficients, and nothing else; free it in greybox.")
     drive.require(options.hold, "holding them (--hold)")
     refuse_transmission_loss(drive, (), "blackbox")
 

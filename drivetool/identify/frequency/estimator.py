@@ -18,6 +18,8 @@ from drivetool.logs import Experiment, true_runs
 
 Method = Literal["auto", "welch", "periodic"]
 METHODS: tuple[Method, ...] = ("auto", "welch", "periodic")
+# Options that one method alone uses.
+OF_ONE_METHOD = {"welch": ("estimator", "window", "length", "overlap"), "periodic": ("period", "skip")}
 REFERENCES = ("reference_torque", "reference_speed", "reference_angle")
 # Half-overlapping frames of a record by default. A choice: scatter of 25 % at a sixteenth's resolution
 DEFAULT_FRAMES = 16
@@ -52,6 +54,11 @@ class SpectraOptions:
             raise BadOption("a known method", f"'{self.method}'", "Correct --method.", METHODS)
         if self.estimator is not None and self.estimator not in ESTIMATORS:
             raise BadOption("a known estimator", f"'{self.estimator}'", "Correct --estimator.", ESTIMATORS)
+        other = {"welch": "periodic", "periodic": "welch"}.get(self.method)
+        for name in OF_ONE_METHOD.get(other, ()):
+            if getattr(self, name) != getattr(SpectraOptions, name):
+                raise BadOption(f"options that spectra --method {self.method} uses", f"--{name}",
+                                f"Leave it out, or take --method {other}.")
 
 
 @dataclass(frozen=True)

@@ -27,7 +27,7 @@ from drivetool.identify.frequency.frf import Response
 from drivetool.identify.frequency.periodic import smoothed_lines
 from drivetool.identify.frequency.spectrum import Spectrum
 from drivetool.identify.problem import Normal, Point, Solution, solve
-from drivetool.identify.setup import HeldResponse, KnownStart, Options, refuse_transmission_loss
+from drivetool.identify.setup import NONLINEAR, HeldResponse, KnownStart, Options, refuse_transmission_loss
 from drivetool.logs import Experiment
 from drivetool.quantity import quantity_of
 
@@ -39,8 +39,6 @@ TOTAL_VISCOUS = "total.viscous"
 # Lines over which the residual is smoothed and may be correlated. A choice: model errors are broad
 CORRELATED_LINES = 11
 REWEIGHTING_ROUNDS = 4  # of reweighting. A choice: each needs one fit, and the weights settle
-# Parameters without effect on a linear response.
-NONLINEAR = ("idle_torque", "coulomb", "drift_coulomb", "bristle_stiffness", "bristle_damping", "half_gap")
 
 
 @dataclass(frozen=True)

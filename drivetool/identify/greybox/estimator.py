@@ -207,8 +207,6 @@ def with_all_expanded(options: Options, drive: Drive, experiments: Sequence[Expe
 
 def free_parameters(drive: Drive, default: Sequence[str], options: Options) -> tuple[str, ...]:
     """The free parameters after --hold and --free, in the drive's order."""
-    if both := set(options.hold) & set(options.free):
-        raise BadOption("a parameter held or free", f"{', '.join(sorted(both))} as both", "Drop one of the two.")
     names = (set(default) | set(options.free)) - set(options.hold)
     for name in names:
         if choice := drive.quantity(name).choice:

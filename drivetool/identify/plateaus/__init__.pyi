@@ -5,7 +5,12 @@ from .intervals import (
     rough_inertia as rough_inertia,
     speed_of as speed_of,
 )
-from .line import LINE_KEYS as LINE_KEYS, FrictionLine as FrictionLine, fit_line as fit_line
+from .line import (
+    LINE_KEYS as LINE_KEYS,
+    FrictionLine as FrictionLine,
+    fit_line as fit_line,
+    refuse_scatter as refuse_scatter,
+)
 from .points import (
     STANDSTILL_SPEED_SHARE as STANDSTILL_SPEED_SHARE,
     SteadyPoints as SteadyPoints,

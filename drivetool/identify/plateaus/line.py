@@ -11,14 +11,14 @@ import scipy
 from drivetool.errors import NotEnoughData
 from drivetool.identify.plateaus.points import SteadyPoints
 
-LINE_KEYS = ("viscous", "idle_torque", "coulomb")
+LINE_KEYS = ("viscous", "idle_torque", "coulomb", "drag")
 # The scatter is larger than predicted below this probability: the usual strict level, one false alarm in a hundred.
 SCATTER_SIGNIFICANCE = 0.01
 
 
 @dataclass(frozen=True)
 class FrictionLine:
-    """A fitted line T = viscous w + idle_torque + coulomb sgn(w).
+    """A fitted line T = viscous w + idle_torque + coulomb sgn(w) + drag w |w|.
 
     values       key -> value, fitted or not; the line is these and `carried` together
     free         keys that were fitted, in the order of `covariance`
@@ -53,15 +53,13 @@ class FrictionLine:
 
 
 def fit_line(points: SteadyPoints, held: Mapping[str, float], start: Mapping[str, float],
-             carried: Mapping[str, float], what: str) -> FrictionLine:
-    """Weighted least squares of T = viscous w + idle_torque + coulomb sgn(w).
+             carried: Mapping[str, float]) -> FrictionLine:
+    """Weighted least squares of T = viscous w + idle_torque + coulomb sgn(w) + drag w |w|.
 
     points   with the variance of torque - c speed
     held     key -> value that stays; start: key -> value to assume where the points do not identify it
     carried  key -> what is known to be part of the line besides
-    what     for messages, for example "motor torque over motor speed"
-    returns  Line; viscous and Coulomb friction that come out negative are set to zero
-    raises   NotEnoughData: the torques do not lie on a line
+    returns  Line; viscous friction, Coulomb friction and drag that come out negative are set to zero
     """
     values = dict(held)
     known = _design_matrix(points.speed, LINE_KEYS) @ np.array([carried.get(key, 0.0) for key in LINE_KEYS])
@@ -72,8 +70,8 @@ def fit_line(points: SteadyPoints, held: Mapping[str, float], start: Mapping[str
         free.remove("coulomb")
         values["coulomb"] = 0.0
     conditional = tuple(_undetermined_keys(points, free))
-    # Assume as little as it takes; the viscous friction first, a start value of it is often known.
-    for key in ("viscous", "coulomb"):
+    # Assume as little as it takes; the drag first, then the viscous friction, a start value of it is often known.
+    for key in ("drag", "viscous", "coulomb"):
         if key in free and key in _undetermined_keys(points, free):
             free.remove(key)
             values[key] = start.get(key, 0.0)
@@ -93,7 +91,6 @@ def fit_line(points: SteadyPoints, held: Mapping[str, float], start: Mapping[str
     chi2, dof = float(np.sum(residual**2 / points.variance)), len(residual) - len(free)
     probability = float(scipy.stats.chi2.sf(chi2, dof)) if dof > 0 else 1.0
     rmse = float(np.sqrt(np.mean(residual**2)))
-    _refuse_scatter(points, rmse, probability, dof, what)
     unexplained = probability < SCATTER_SIGNIFICANCE
     # Batches and residuals both measure the noise; if they agree, they are averaged by their freedom.
     inflation = np.sqrt(chi2 / dof if unexplained else (points.dof + chi2) / (points.dof + dof))
@@ -104,7 +101,8 @@ def fit_line(points: SteadyPoints, held: Mapping[str, float], start: Mapping[str
 
 def _design_matrix(speed: np.ndarray, keys: Sequence[str]) -> np.ndarray:
     """(k, len(keys)) columns of the line."""
-    columns = {"viscous": speed, "idle_torque": np.ones_like(speed), "coulomb": np.sign(speed)}
+    columns = {"viscous": speed, "idle_torque": np.ones_like(speed), "coulomb": np.sign(speed),
+               "drag": speed * np.abs(speed)}
     return np.column_stack([columns[key] for key in keys]) if keys else np.zeros((len(speed), 0))
 
 
@@ -138,11 +136,14 @@ def _weighted_least_squares(points: SteadyPoints, torque: np.ndarray, free: Sequ
     return {key: float(value) for key, value in zip(free, found, strict=True)}, covariance, weights
 
 
-def _refuse_scatter(points: SteadyPoints, rmse: float, probability: float, dof: int, what: str) -> None:
-    """A line that leaves half of the torque is no friction line, unless the noise explains it."""
+def refuse_scatter(points: SteadyPoints, line: FrictionLine, what: str) -> None:
+    """Raise NotEnoughData where a line leaves half of the torque, unless the noise explains it.
+
+    what  for the message, for example "motor torque over motor speed"
+    """
     rms = float(np.sqrt(np.mean(points.torque**2)))
-    if dof > 0 and probability < SCATTER_SIGNIFICANCE and rmse > 0.5 * rms:
+    if line.dof > 0 and line.unexplained and line.rmse > 0.5 * rms:
         raise NotEnoughData(
             f"steady points close to a friction line ({what})",
-            f"a scatter of {rmse:.3g} about the line, with an rms torque of {rms:.3g}",
+            f"a scatter of {line.rmse:.3g} about the line, with an rms torque of {rms:.3g}",
             "Keep the load constant while the speed is stepped, and check both channels.")

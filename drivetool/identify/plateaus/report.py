@@ -11,13 +11,17 @@ from drivetool.drive import Drive
 from drivetool.finding import Finding
 from drivetool.identify.estimate import Parameter, PlotData, line_of
 from drivetool.identify.plateaus.intervals import speed_of
-from drivetool.identify.plateaus.line import FrictionLine
+from drivetool.identify.plateaus.line import FrictionLine, fit_line
 from drivetool.identify.plateaus.points import SteadyPoints
 from drivetool.identify.setup import supply_of
 from drivetool.logs import Experiment
-from drivetool.quantity import owner_of
+from drivetool.quantity import name_of, owner_of
 
 MAX_PLOTTED_SAMPLES = 500  # samples of a recording that a plot resolves, a choice by its width in pixels
+CURVE_POINTS = 50  # of a line with drag in a plot, a choice: it looks smooth
+# Half-widths of the 95 % interval of a significant drag: four standard deviations of normal noise, as at constant
+# torque.
+MIN_DRAG_HALF_WIDTHS = 2.0
 
 
 @dataclass(frozen=True)
@@ -53,7 +57,7 @@ def line_parameter(name: str, key: str, task: LineTask, points: SteadyPoints, li
     found = line_of(drive, name, line.values[key])
     if found.start is None and owner_of(name) == "total":
         found = found.replace(start=task.start.get(key))
-    if key in line.at_bound:
+    if key in line.at_bound and "drag" not in line.conditional:  # which may have made it negative
         free, std = line.at_bound[key]
         return found.replace(value=free).beyond_bound(
             0.0, line.quantile * std,
@@ -70,11 +74,21 @@ def line_parameter(name: str, key: str, task: LineTask, points: SteadyPoints, li
 
 def _why_not_identifiable(key: str, points: SteadyPoints, line: FrictionLine) -> str:
     """Why a part of the line is not identifiable."""
-    speed = float(np.mean(points.levels))
-    if key == "viscous":
-        return f"all intervals are at one speed ({speed:.4g}): assumed; run at two or more speeds"
-    return (f"identifiable only jointly with the viscous friction (assumed {line.values['viscous']:.4g}), because "
-            f"all intervals are at one speed ({speed:.4g}); run at two or more speeds")
+    speeds, more = _few_speeds(points, line)
+    if key in ("viscous", "drag") and key not in line.free:
+        return f"all intervals are at {speeds}: assumed; run at {more}"
+    names = {"viscous": "viscous friction", "drag": "drag"}
+    assumed, what = next(pair for pair in names.items() if pair[0] in line.conditional and pair[0] not in line.free)
+    return (f"identifiable only jointly with the {what} (assumed {line.values[assumed]:.4g}), because "
+            f"all intervals are at {speeds}; run at {more}")
+
+
+def _few_speeds(points: SteadyPoints, line: FrictionLine) -> tuple[str, str]:
+    """(the speeds that there are, those that it takes) in words, where they do not determine a line."""
+    levels = sorted(set(points.levels))
+    speeds = f"one speed ({float(np.mean(points.levels)):.4g})" if len(levels) == 1 else \
+        f"{len(levels)} speeds ({', '.join(f'{level:.4g}' for level in levels)})"
+    return speeds, f"{'three' if 'drag' in line.conditional else 'two'} or more speeds"
 
 
 def line_findings(task: LineTask, points: SteadyPoints, line: FrictionLine, drive: Drive,
@@ -86,13 +100,14 @@ def line_findings(task: LineTask, points: SteadyPoints, line: FrictionLine, driv
     if 0 in (forward, backward) and None not in (task.names["idle_torque"], task.names["coulomb"]):
         found.append(one_direction_finding(str(task.names["idle_torque"]), forward, backward))
     if line.conditional:
-        speed = float(np.mean(points.levels))
+        speeds, more = _few_speeds(points, line)
         conditional_names = " and ".join(task.names[key] for key in line.conditional)
         found.append(Finding(
             "warning", "single-speed",
-            f"All steady intervals are at one speed ({speed:.4g}), so {conditional_names} "
-            "cannot be separated.", {"speed": speed, "torque": float(np.mean(points.torque))},
-            "Record steady intervals at two or more speeds, as different as possible."))
+            f"All steady intervals are at {speeds}, so {conditional_names} "
+            "cannot be separated.",
+            {"speed": float(np.mean(points.levels)), "torque": float(np.mean(points.torque))},
+            f"Record steady intervals at {more}, as different as possible."))
     for key, (value, std) in line.at_bound.items():
         name = task.names[key]
         found.append(Finding(
@@ -108,12 +123,31 @@ def line_findings(task: LineTask, points: SteadyPoints, line: FrictionLine, driv
                                  "inflation": line.inflation},
             "Look at the picture: a bend is friction that is not linear, scatter at equal speed a load that "
             "changes."))
+    found += _drag_findings(task, points, drive)
     still = intervals - len(points.speed)
     if still:
         found.append(Finding(
             "note", "stretches-left-out", f"{still} steady intervals at standstill are left out: static "
             "friction there balances any torque.", {"intervals": still}))
     return found
+
+
+def _drag_findings(task: LineTask, points: SteadyPoints, drive: Drive) -> list[Finding]:
+    """A finding where the torque has a significant quadratic term that is not fitted."""
+    if task.names["drag"] is not None:
+        return []
+    held = {key: value for key, value in task.held.items() if key != "drag"}
+    bent, name = fit_line(points, held, task.start, task.carried), name_of(task.body or drive.bodies[0], "drag")
+    if bent.conditional or "drag" not in bent.free:
+        return []
+    drag, std = bent.values["drag"] - task.held["drag"], float(np.sqrt(bent.covariance[-1, -1]))
+    if drag < MIN_DRAG_HALF_WIDTHS * bent.quantile * std:
+        return []
+    return [Finding(
+        "warning", "nonlinear-friction", f"The torque ({task.what}) grows with the square of the speed: {drag:.3g} "
+        f"+- {std:.2g} {drive.unit(name)}. The fitted law does not include it.", {"drag": drag, "std": std},
+        f"Fit it, the law of a fan or a pump, with --free {name}. Friction that falls at low speed (Stribeck) "
+        "bends the line likewise: look at the picture.")]
 
 
 def coulomb_body_findings(task: LineTask, drive: Drive) -> list[Finding]:
@@ -144,8 +178,9 @@ def steady_plots(experiments: Sequence[Experiment], results: Sequence[tuple[Line
         for sign, label in ((1, "fit forward"), (-1, "fit backward")):
             side = points.speed[np.sign(points.speed) == sign]
             if len(side):
-                ends = sign * np.array([1e-6, 1.05]) * np.abs(side).max()
-                curves[label] = (ends, line.torque(ends))
+                count = 2 if line.values["drag"] + line.carried.get("drag", 0.0) == 0.0 else CURVE_POINTS
+                speeds = sign * np.linspace(1e-6, 1.05, count) * np.abs(side).max()
+                curves[label] = (speeds, line.torque(speeds))
         plots.append(PlotData("steady", f"Steady points: {task.what}", f"speed [{motion}/s]",
                              f"torque [{unit}]", curves))
     spans = results[0][1].intervals  # two lines are drawn through the same ones

@@ -23,7 +23,7 @@ from drivetool.identify.polynomial.pem_model import KINDS, POLYNOMIALS, Predicti
 from drivetool.identify.polynomial.realise import chain_parameters, conversion, ringing_frequencies_with_std
 from drivetool.identify.polynomial.structure_findings import bodies_advice, model_findings
 from drivetool.identify.problem import Point, solve
-from drivetool.identify.setup import HELD_OUT_SHARE, Options
+from drivetool.identify.setup import HELD_OUT_SHARE, Options, refuse_other_free
 from drivetool.logs import Experiment
 
 TRIED_ORDERS = (1, 3, 5, 7)  # a chain of n bodies has 2 n - 1 states from torque to speed
@@ -52,6 +52,7 @@ def polynomial_blackbox(experiments: Sequence[Experiment], drive: Drive, options
         raise BadOption("structure oe for a fit in the frequency domain", kind,
                         "Use --structure oe: a frequency response has no noise model.")
     drive.require(options.hold, "holding them (--hold)")
+    refuse_other_free("blackbox --structure", options.free, ())
     data = data_of(experiments)
     _check_changes(data)
     noise = DEFAULT_NOISE_ORDER if options.noise_order is None else options.noise_order

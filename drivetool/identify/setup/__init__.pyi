@@ -1,5 +1,11 @@
 from .by_record import as_recorded as as_recorded, shared_free_names as shared_free_names
-from .options import HELD_OUT_SHARE as HELD_OUT_SHARE, Options as Options
+from .options import (
+    HELD_OUT_SHARE as HELD_OUT_SHARE,
+    NONLINEAR as NONLINEAR,
+    Options as Options,
+    refuse_other_free as refuse_other_free,
+    refuse_unused as refuse_unused,
+)
 from .rates import at_rates as at_rates, rates_left_out as rates_left_out
 from .sampled_response import HeldResponse as HeldResponse
 from .setup import (

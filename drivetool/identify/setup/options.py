@@ -2,11 +2,14 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from collections.abc import Collection, Mapping, Sequence
+from dataclasses import dataclass, field, fields
 from typing import Literal
 
+from drivetool.errors import BadOption
 from drivetool.identify.estimate import Covariance
 from drivetool.identify.setup.start import KnownStart
+from drivetool.quantity import quantity_of
 
 Criterion = Literal["auto", "innovations", "simulation", "frequency", "inverse"]
 Method = Literal["speeds", "acceleration", "coast-down"]
@@ -15,6 +18,25 @@ Weighting = Literal["variance", "coherence"]
 # little to fit, less too little to compare.
 HELD_OUT_SHARE = 0.3
 STEP_SPECIFIC = {"of_one_step": True}  # of a field: result files list it only where it differs from its default
+# Parameters that a linear response does not have.
+NONLINEAR = ("idle_torque", "coulomb", "drift_coulomb", "bristle_stiffness", "bristle_damping", "half_gap")
+OF_EVERY_STEP = ("hold", "free", "known")
+# Step, and the option that selects another fit of it -> the other options that it uses, or refuses by itself.
+USED_OPTIONS: Mapping[str, tuple[str, ...]] = {
+    "steady": ("method", "start", "flux_decay", "stages"),
+    "steady --method acceleration": ("method", "segment", "start", "flux_decay", "stages"),
+    "blackbox": ("criterion", "starts"),
+    "blackbox --criterion simulation": ("criterion", "starts", "segment"),
+    "blackbox --criterion frequency": ("criterion", "structure", "order", "weighting", "band"),
+    **{f"blackbox --structure {kind}": ("criterion", "structure", "order", *more) for kind, more in {
+        "oe": (), "arx": (), "innovations": (), "bj": ("noise_order",), "armax": ("noise_order",)}.items()},
+    "greybox": ("criterion", "starts", "seed", "segment", "start"),
+    "greybox --criterion inverse": ("criterion", "start"),
+    "greybox --criterion frequency": ("criterion", "start", "weighting", "band"),
+    "backlash": ("criterion", "starts", "seed", "start"),
+    "backlash --criterion simulation": ("criterion", "starts", "seed", "start", "segment"),
+    "backlash --criterion inverse": ("criterion", "start"),
+}
 
 
 @dataclass(frozen=True)
@@ -61,3 +83,33 @@ class Options:
     stages: tuple[tuple[float, float], ...] = field(default=(), metadata=STEP_SPECIFIC)
     start: KnownStart = field(default_factory=KnownStart)
     known: Covariance | None = None
+
+    def __post_init__(self) -> None:
+        """Raise BadOption where a parameter is held and free."""
+        if both := set(self.hold) & set(self.free):
+            raise BadOption("a parameter held or free", f"{', '.join(sorted(both))} as both",
+                            "Drop one of the two.")
+
+
+def refuse_unused(step: str, options: Options) -> None:
+    """Raise BadOption where the step does not use an option that is not at its default, or a free name."""
+    ways = [f"{step} --{name} {getattr(options, name)}" for name in ("criterion", "structure", "method")]
+    way = next((each for each in ways if each in USED_OPTIONS), step)
+    used, default = USED_OPTIONS[way], Options()
+    for name in (f.name for f in fields(Options) if f.name not in (*OF_EVERY_STEP, *used)):
+        if getattr(options, name) != getattr(default, name):
+            others = [each for each, names in USED_OPTIONS.items() if each.split()[0] == step and name in names]
+            words = [f"--{n.replace('_', '-')}" for n in (name, "hold", "free", *used)]
+            raise BadOption(f"options that {way} uses", words[0],
+                            f"Leave it out{f', or take {others[0]}' if others else ''}.", words[1:])
+    if options.criterion == "frequency":
+        refuse_other_free(way, [n for n in options.free if quantity_of(n) in NONLINEAR], (),
+                          "Take a criterion in time: this one fits a linear response.")
+
+
+def refuse_other_free(step: str, free: Sequence[str], possible: Collection[str], do: str = "Free it in greybox.",
+                      ) -> None:
+    """Raise BadOption where a name is free that the step does not fit; possible: names that it fits."""
+    for name in free:
+        if name not in possible:
+            raise BadOption(f"a parameter that {step} fits after --free", name, do, possible)

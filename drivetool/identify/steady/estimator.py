@@ -26,11 +26,20 @@ from drivetool.identify.plateaus import (
     make_points,
     mean_variances,
     point_list,
+    refuse_scatter,
     steady_plots,
 )
-from drivetool.identify.setup import Options, at_rates, refuse_free_torque_constants, refuse_transmission_loss
+from drivetool.identify.setup import (
+    Options,
+    at_rates,
+    refuse_free_torque_constants,
+    refuse_other_free,
+    refuse_transmission_loss,
+)
 from drivetool.logs import Experiment
 from drivetool.quantity import name_of, names_of, owner_of, quantity_of
+
+DRAG_ADVICE = "free the drag of one body that turns as fast as the motor."
 
 
 def steady(experiments: Sequence[Experiment], drive: Drive, options: Options) -> Estimate:
@@ -39,12 +48,13 @@ def steady(experiments: Sequence[Experiment], drive: Drive, options: Options) ->
     The intervals are found by the statistic of Cao & Rhinehart (plateaus/state.py). Each gives a point:
     mean torque and mean speed, with a variance from batch means. A weighted line through the points,
     T = c w + T0 + Tc sgn(w), gives the friction of the whole drive; with a shaft torque in all the
-    recordings of a two-mass drive, one line per body: Tm - Ts over wm and Ts over wl.
+    recordings of a two-mass drive, one line per body: Tm - Ts over wm and Ts over wl. A free drag, of a fan or a
+    pump, adds c2 w |w|.
     Intervals of 95 % are Student's t; the noise is averaged from the batches and from the scatter about
     the line. If the points scatter more than the noise explains (at 1 %), the scatter alone counts.
 
     experiments  motor_torque and motor_speed or motor_angle; optional shaft_torque, load_speed
-    drive        start values; names in options.hold keep theirs
+    drive        start values; names in options.hold keep theirs, a drag unless options.free has it
     returns      Estimate of motor.viscous, motor.idle_torque, motor.coulomb of a one-body drive; of
                  total.viscous, total.idle_torque, motor.coulomb with more bodies; of both bodies' own
                  with a shaft torque
@@ -74,13 +84,16 @@ def steady(experiments: Sequence[Experiment], drive: Drive, options: Options) ->
             "a drive accelerates at constant torque, and coasts, take --method acceleration; where it "
             "runs down without torque, --method coast-down.")
     tasks = _line_tasks(intervals, drive, options)
+    refuse_other_free("steady", options.free, [*names_of(drive.bodies, "drag"), *(
+        name for task in tasks for name in task.names.values() if name is not None)])
     results = []
     for task in tasks:
         points = make_points(intervals, task.torque, task.speed)
         if points is None:
             raise NotEnoughData("intervals at a speed other than zero", "only standstill",
                                 "At standstill, static friction masks all other friction; run at several speeds.")
-        results.append((task, points, fit_line(points, task.held, task.start, task.carried, task.what)))
+        results.append((task, points, fit_line(points, task.held, task.start, task.carried)))
+        refuse_scatter(*results[-1][1:], task.what)
     return _steady_estimate(experiments, drive, options, intervals, results)
 
 
@@ -140,33 +153,43 @@ def _line_task(torque: str, speed: str, body: str | None, drive: Drive, options:
     """Names, held and start values of one line; body None: of all bodies together."""
     names, held, start, carried = {}, {}, {}, {}
     bodies = drive.bodies if body is None else (body,)
+    hold = {*options.hold, *(n for n in names_of(bodies, "drag") if n not in options.free)}
     for key in LINE_KEYS:
         total = f"total.{key}"
         parts = names_of(bodies, key)
-        free_parts = [part for part in parts if part not in options.hold]
+        free_parts = [part for part in parts if part not in hold]
         known = any(part in drive.values for part in parts)
         value = drive.values.get(total) if body is None and total in drive.values else \
-            drive.referred_to_motor(key, bodies) if known else None
-        if (body is None and total in options.hold) or not free_parts:
+            _referred_to_motor(drive, key, bodies) if known else None
+        if (body is None and total in hold) or not free_parts:
             names[key], held[key] = None, value or 0.0
             continue
-        carried[key] = drive.referred_to_motor(key, [b for b in bodies if name_of(b, key) in options.hold])
+        carried[key] = _referred_to_motor(drive, key, [b for b in bodies if name_of(b, key) in hold])
         if key == "coulomb" or len(free_parts) == 1:
             names[key] = free_parts[0]
             owner = owner_of(free_parts[0])
             if drive.gear_ratios()[drive.bodies.index(owner)] != 1.0:
                 raise BadOption(f"the friction of {drive.bodies[0]} free in a drive with a gear",
                                 f"only {free_parts[0]} free",
-                                f"The line is referred to the motor; hold total.{key}, or none of its parts.")
-        elif len(free_parts) == len(parts):
+                                "The line is referred to the motor; "
+                                f"{DRAG_ADVICE if key == 'drag' else f'hold total.{key}, or none of its parts.'}")
+        elif len(free_parts) == len(parts) and key != "drag":
             names[key] = total
         else:
             raise BadOption(f"{key.replace('_', ' ')} held for all bodies but one, or for none",
-                            f"free for {', '.join(free_parts)}",
-                            "At a steady speed only the sum is identifiable; hold more of them, or none.")
+                            f"free for {', '.join(free_parts)}", "At a steady speed only the sum is identifiable; "
+                            f"{DRAG_ADVICE if key == 'drag' else 'hold more of them, or none.'}")
         if value is not None:
             start[key] = value - carried[key]
     return LineTask(torque, speed, body, names, held, start, carried)
+
+
+def _referred_to_motor(drive: Drive, key: str, bodies: Sequence[str]) -> float:
+    """Sum of one part of the line over bodies, referred to the motor."""
+    if key != "drag":
+        return drive.referred_to_motor(key, bodies)
+    ratios = zip(drive.bodies, drive.gear_ratios(), strict=True)
+    return float(sum((drive.value(name_of(b, key)) or 0.0) / n**3 for b, n in ratios if b in bodies))
 
 
 def _steady_estimate(experiments: Sequence[Experiment], drive: Drive, options: Options,
