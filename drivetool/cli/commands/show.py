@@ -21,6 +21,8 @@ def command(
         "an inspection; - is standard input.")],
     other: Annotated[str | None, typer.Argument(
         metavar="[FILE2]", help="A second parameter file. Each row has both values and their difference.")] = None,
+    every: Annotated[bool, typer.Option(
+        "--all", help="Also values that no recording identifies, and why others are held.")] = False,
     debug: cli.Debug = False,
 ) -> int:
     """Its options; the exit code."""
@@ -30,7 +32,7 @@ def command(
     paths = [file] if other is None else [file, other]
     files = [load_result(path) for path in paths]
     if other is None:
-        print_table(files[0])
+        print_table(files[0], every=every)
         show_findings(files[0].findings, stderr=False)
         return DONE
     for path, content in zip(paths, files, strict=True):
@@ -39,5 +41,5 @@ def command(
                             "Show such a file by itself.")
     # Standard input was read already; what came from it is known by its recordings and inputs alone.
     hashes = ["" if path == "-" else sha256(Path(path).read_bytes()).hexdigest() for path in paths]
-    print_both(files, paths, hashes, table_console())
+    print_both(files, paths, hashes, table_console(), every)
     return DONE

@@ -26,19 +26,20 @@ _ROW_STYLES = {"held": "dim", "at-bound": "yellow", "not-identifiable": "yellow"
 LARGE_CORRELATION, MAX_CORRELATIONS = 0.9, 10
 
 
-def print_estimate(file: shapes.ParameterFile, console: Console) -> None:
+def print_estimate(file: shapes.ParameterFile, console: Console, every: bool = False) -> None:
     """The diagnosis if there is one, parameters, the correlated ones, why some have no +-, and the fit figures.
 
     file     its parameters as sections, not bare numbers
     console  where to; colours only on a terminal
+    every    also values that no recording identifies, and why values are held
     """
     if file.diagnosis is not None:
         print_diagnosis(file.diagnosis, console)
     correlations = _correlation_lines(file.covariance)
-    console.print(_parameter_table(file.parameters), lines(filter(None, [_interval_scope(file)]), "dim"),
-                  lines(correlations, "yellow"))
+    console.print(_parameter_table(_shown(file.parameters, every)),
+                  lines(filter(None, [_interval_scope(file)]), "dim"), lines(correlations, "yellow"))
     reasons = {name: entry.reason for name, entry in file.parameters.items()
-            if entry.reason not in ("", shapes.IF_COMPLETE) and entry.status != "held"}
+            if entry.reason not in ("", shapes.IF_COMPLETE) and (every or entry.status != "held")}
     console.print(lines((f"{name}: {reason}" for name, reason in reasons.items()), "dim"))
     if any(entry.reason == shapes.IF_COMPLETE for entry in file.parameters.values()):
         console.print(lines([shapes.IF_COMPLETE], "yellow"))
@@ -50,6 +51,12 @@ def print_estimate(file: shapes.ParameterFile, console: Console) -> None:
     if file.starts is not None and file.starts.tried > 1:
         count = file.starts.agreed or "none"
         console.print(lines([f"{count} of {file.starts.tried} starts converged to these values"]))
+
+
+def _shown(parameters: Mapping[str, shapes.ParameterSection], every: bool) -> dict[str, shapes.ParameterSection]:
+    """The parameters to print: without `every` one that no recording identifies has no value."""
+    return {name: entry if every or entry.status != "not-identifiable" else entry.replace(value=None)
+            for name, entry in parameters.items()}
 
 
 def _interval_scope(file: shapes.ParameterFile) -> str:
@@ -78,13 +85,14 @@ def _correlation_lines(covariance: shapes.CovarianceSection | None) -> list[str]
 
 
 def print_both(files: Sequence[shapes.ParameterFile], paths: Sequence[str], hashes: Sequence[str],
-               console: Console) -> None:
+               console: Console, every: bool = False) -> None:
     """Two parameter files side by side, the second one in the units of the first.
 
     hashes  SHA-256 of each file: values fitted by one from the other, or from what both read, are not independent
+    every   as of `print_estimate`
     raises  BadParameters: a parameter in units of different dimensions
     """
-    first, second = (file.parameters for file in files)
+    first, second = (_shown(file.parameters, every) for file in files)
     sources = [{own, *(entry.sha256 for entry in (*file.data, *file.inputs))}
                for file, own in zip(files, hashes, strict=True)]
     common = sources[0] & sources[1]

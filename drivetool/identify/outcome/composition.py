@@ -141,7 +141,8 @@ def _parameter_lines(before: Drive, own: Task, outcome: Outcome, known: Covarian
     if not_converged(outcome):
         lines, covariance, more = without_intervals(lines), None, [*more, _not_converged_finding(outcome)]
     if explanation is not None and explanation.torque_explains_nothing:
-        lines, covariance = without_intervals(lines, "the logged torque explains nothing"), None
+        lines, covariance = without_intervals(
+            lines, "the logged torque explains nothing", "not-identifiable"), None
     return lines, covariance, (*findings, *more, *held)
 
 
