@@ -293,8 +293,9 @@ CODES = {
     "unidentified-value": Code(
         NOTE_OR_WARNING,
         "A parameter file states a value as `not-identifiable`, and the step uses it as if it were known. It is "
-        "where a fit started, or ended without information. `tune` stops where the design depends on such a value; "
-        "else, and in `diagnose`, which fits most of them anew, this is a note.",
+        "where a fit started, or ended without information. `tune` stops where the design depends on such a value. "
+        "It is a note where the effect of the value is absent, as for a friction of zero, and in `compare` and "
+        "`diagnose`, which fit most values again.",
         "Do the experiment that the file states for it, or state a known value with `--set`."),
     "unstable-estimate": Code(
         WARNING_OR_FAILURE,

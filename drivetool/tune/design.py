@@ -85,10 +85,10 @@ def tune(drive: Drive, options: TuneOptions, draw_pictures: bool = False) -> Gai
 def _require_identified(drive: Drive, options: TuneOptions, names: Sequence[str]) -> None:
     """Raise BadParameters where a design depends on values that no recording identifies."""
     if names:
-        reasons = "; ".join(f"{n}: {options.unidentified[n] or 'no reason stated'}" for n in names)
         raise BadParameters(
             f"known values of {', '.join(names)}, on which the controller depends",
-            f"start values, which no recording identifies ({reasons})",
+            "start values, which no recording identifies ("
+            + "; ".join(f"{n}: {options.unidentified[n] or 'no reason stated'}" for n in names) + ")",
             f"Record what identifies them, or state what is known: --set {names[0]}=VALUE.",
             [n for n in drive.values if n not in options.unidentified])
 

@@ -111,7 +111,7 @@ def run(job: Job, options: CompareOptions) -> int:
     from drivetool.logs import refuse_copies
 
     opened = open_all(job)
-    assumed, doubts = drive_for(job, opened).assumed()
+    assumed, doubts = drive_for(job, opened).assumed(warn=False)  # most of them are fitted again
     opened, drive = with_torques(opened, assumed)
     refuse_copies([opened.experiments[i] for places in options.machines.values() for i in places])
     with recordings_drawn_on_failure(job, opened.experiments):

@@ -92,7 +92,7 @@ def run(job: Job, held_count: int, options: DiagnoseOptions, report: str | None,
     opened = open_all(job)
     loaded = opened.loaded
     stated = drive_for(job, opened)
-    assumed, doubts = stated.assumed("note")  # most of them are freed again
+    assumed, doubts = stated.assumed(warn=False)  # most of them are freed again
     differences = record_differences(job, opened.experiments, assumed)
     split = len(opened.experiments) - held_count
     differences = (held_out_differences(differences, opened.experiments[:split],
@@ -117,7 +117,7 @@ def run(job: Job, held_count: int, options: DiagnoseOptions, report: str | None,
     found = found.replace(estimate=replace(
         found.estimate, findings=collected_findings(opened, all_findings, used_roles, drive, job.step),
         options=noted_options(job, used, differences.words)))
-    file = diagnosis_file(found, opened.inputs, stated.unidentified)
+    file = diagnosis_file(found, opened.inputs, stated.acting)
     if report is not None:
         from drivetool.files.pages import diagnosis_page
 

@@ -95,7 +95,7 @@ def run(job: Job, words: dict[str, object]) -> int:
     stated = _with_converter(with_set_values(loaded.stated(), job.set), words["converter"])
     options = replace(_tune_options(job, words, stated.start, loaded), unidentified=stated.unidentified)
     gains = tune(stated.start, options, draw_pictures=bool(job.plot))
-    _, doubts = stated.assumed("warning" if any(each.watches for each in gains.designs) else "note")
+    _, doubts = stated.assumed(warn=any(each.watches for each in gains.designs))
     gains = replace(gains, findings=(*doubts, *gains.findings))
     return deliver(job, gains_file(gains, loaded.inputs, words), gains.exhibits, bool(words["per_unit"]))
 

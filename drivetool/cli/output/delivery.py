@@ -73,11 +73,11 @@ def table_console() -> Console:
     return console
 
 
-def print_table(file: Written, per_unit: bool = False, every: bool = False) -> None:
-    """The table of a file on standard output; every: also values that no recording identifies."""
+def print_table(file: Written, per_unit: bool = False) -> None:
+    """The table of a file on standard output."""
     from drivetool.files.tables import print_file
 
-    print_file(file, table_console(), per_unit, every)
+    print_file(file, table_console(), per_unit)
 
 
 def show_findings(findings: Sequence[FindingSection], stderr: bool = True) -> None:

@@ -41,7 +41,7 @@ def estimate_file(estimate: Estimate, inputs: Inputs = (),
     """The parameter file of an estimate, every value of its drive included.
 
     carried       sections of the input files that no estimator changes: ratings, controller
-    unidentified  name -> reason of values that no recording identifies: where one was held, or as a part of such a
+    unidentified  name -> reason of values that no recording identifies: where one was held, or is a part of such a
                   sum, the file says so again
     """
     drive = replace(estimate.drive, values={**estimate.drive.constants, **estimate.drive.values})
@@ -55,10 +55,10 @@ def estimate_file(estimate: Estimate, inputs: Inputs = (),
             reason = f"inputs in {drive.input_unit} are multiplied by it" if is_constant(name) else COPIED_PARAMETER
             parameters[name] = parameter_section(Parameter(
                 name=name, value=value, unit=drive.unit(name), status="held", reason=reason))
-    for name, section in parameters.items():
-        marked = {name, name_of("total", quantity_of(name))} & (unidentified or {}).keys()
-        if marked and section.status == "held":
-            parameters[name] = section.replace(status="not-identifiable", reason=unidentified[marked.pop()])
+    marks = unidentified or {}
+    parameters |= {n: section.replace(status="not-identifiable", reason=why) for n, section in parameters.items()
+                   if section.status == "held"
+                   and (why := marks.get(n, marks.get(name_of("total", quantity_of(n))))) is not None}
     order = {name: i for i, name in enumerate(drive.quantities)}
     return shapes.ParameterFile(
         schema=shapes.PARAMETERS_SCHEMA, tool=tool_section(), step=estimate.step, outcome=estimate.outcome,

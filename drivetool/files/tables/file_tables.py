@@ -20,20 +20,17 @@ from drivetool.files.tables.inspection_table import print_inspection
 from drivetool.files.tables.result_tables import print_estimate, print_validation
 from drivetool.files.tables.trends_table import print_trends
 
-_PRINTERS = {ValidationFile: print_validation, InspectionFile: print_inspection,
+_PRINTERS = {ParameterFile: print_estimate, ValidationFile: print_validation, InspectionFile: print_inspection,
              SpectraFile: print_spectra, ComparisonFile: print_comparison, TrendsFile: print_trends}
 
 
-def print_file(file: Shape, console: Console, per_unit: bool = False, every: bool = False) -> None:
+def print_file(file: Shape, console: Console, per_unit: bool = False) -> None:
     """The tables of a file; colours only on a terminal.
 
-    file      of one of the kinds above, of parameters or of gains
+    file      of one of the kinds above, or of gains
     per_unit  gains as figures of the ratings where the file has them
-    every     parameters as of `print_estimate`
     """
     if isinstance(file, GainsFile):
         print_gains(file, console, per_unit)
-    elif isinstance(file, ParameterFile):
-        print_estimate(file, console, every)
     else:
         _PRINTERS[type(file)](file, console)

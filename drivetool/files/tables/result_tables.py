@@ -26,20 +26,19 @@ _ROW_STYLES = {"held": "dim", "at-bound": "yellow", "not-identifiable": "yellow"
 LARGE_CORRELATION, MAX_CORRELATIONS = 0.9, 10
 
 
-def print_estimate(file: shapes.ParameterFile, console: Console, every: bool = False) -> None:
+def print_estimate(file: shapes.ParameterFile, console: Console) -> None:
     """The diagnosis if there is one, parameters, the correlated ones, why some have no +-, and the fit figures.
 
     file     its parameters as sections, not bare numbers
     console  where to; colours only on a terminal
-    every    also values that no recording identifies, and why values are held
     """
     if file.diagnosis is not None:
         print_diagnosis(file.diagnosis, console)
     correlations = _correlation_lines(file.covariance)
-    console.print(_parameter_table(_shown(file.parameters, every)),
-                  lines(filter(None, [_interval_scope(file)]), "dim"), lines(correlations, "yellow"))
+    console.print(_parameter_table(file.parameters), lines(filter(None, [_interval_scope(file)]), "dim"),
+                  lines(correlations, "yellow"))
     reasons = {name: entry.reason for name, entry in file.parameters.items()
-            if entry.reason not in ("", shapes.IF_COMPLETE) and (every or entry.status != "held")}
+            if entry.reason not in ("", shapes.IF_COMPLETE) and entry.status != "held"}
     console.print(lines((f"{name}: {reason}" for name, reason in reasons.items()), "dim"))
     if any(entry.reason == shapes.IF_COMPLETE for entry in file.parameters.values()):
         console.print(lines([shapes.IF_COMPLETE], "yellow"))
@@ -53,10 +52,11 @@ def print_estimate(file: shapes.ParameterFile, console: Console, every: bool = F
         console.print(lines([f"{count} of {file.starts.tried} starts converged to these values"]))
 
 
-def _shown(parameters: Mapping[str, shapes.ParameterSection], every: bool) -> dict[str, shapes.ParameterSection]:
-    """The parameters to print: without `every` one that no recording identifies has no value."""
-    return {name: entry if every or entry.status != "not-identifiable" else entry.replace(value=None)
-            for name, entry in parameters.items()}
+def without_unidentified(file: shapes.ParameterFile) -> shapes.ParameterFile:
+    """The file to print: what no recording identifies has a reason in the place of a value."""
+    return file.replace(parameters={n: entry if entry.status != "not-identifiable" else entry.replace(
+        value=None, reason=f"{entry.reason or 'no recording identifies it'} (its value: show --all)")
+        for n, entry in file.parameters.items()})
 
 
 def _interval_scope(file: shapes.ParameterFile) -> str:
@@ -85,14 +85,13 @@ def _correlation_lines(covariance: shapes.CovarianceSection | None) -> list[str]
 
 
 def print_both(files: Sequence[shapes.ParameterFile], paths: Sequence[str], hashes: Sequence[str],
-               console: Console, every: bool = False) -> None:
+               console: Console) -> None:
     """Two parameter files side by side, the second one in the units of the first.
 
     hashes  SHA-256 of each file: values fitted by one from the other, or from what both read, are not independent
-    every   as of `print_estimate`
     raises  BadParameters: a parameter in units of different dimensions
     """
-    first, second = (_shown(file.parameters, every) for file in files)
+    first, second = (file.parameters for file in files)
     sources = [{own, *(entry.sha256 for entry in (*file.data, *file.inputs))}
                for file, own in zip(files, hashes, strict=True)]
     common = sources[0] & sources[1]

@@ -7,7 +7,6 @@ from dataclasses import dataclass, field
 
 from drivetool.drive import Drive
 from drivetool.finding import Finding
-from drivetool.finding_codes import Severity
 
 
 @dataclass(frozen=True)
@@ -21,6 +20,12 @@ class StatedDrive:
     start: Drive
     unidentified: Mapping[str, str] = field(default_factory=dict)
 
+    @property
+    def acting(self) -> dict[str, str]:
+        """Those of the unidentified values whose effect is not absent, as it is in a file without them."""
+        return {n: why for n, why in self.unidentified.items()
+                if self.start.values[n] != self.start.quantity(n).neutral}
+
     def with_values(self, values: Mapping[str, float], unidentified: Mapping[str, str] | None = None,
                     ) -> StatedDrive:
         """The same with some values replaced, which are known except those in `unidentified`.
@@ -31,18 +36,19 @@ class StatedDrive:
         others = {n: why for n, why in self.unidentified.items() if n in drive.values and n not in values}
         return StatedDrive(drive, {**others, **(unidentified or {})})
 
-    def assumed(self, severity: Severity = "warning") -> tuple[Drive, tuple[Finding, ...]]:
+    def assumed(self, warn: bool = True) -> tuple[Drive, tuple[Finding, ...]]:
         """The drive with every value taken as if it were known, and the finding that names those that are not."""
-        return self.start, self.doubts(self.unidentified, severity)
+        return self.start, self.doubts(self.unidentified, warn)
 
-    def doubts(self, used: Collection[str], severity: Severity = "warning") -> tuple[Finding, ...]:
-        """The finding on unidentified values among those that a step uses; none if all of these are known."""
+    def doubts(self, used: Collection[str], warn: bool = True) -> tuple[Finding, ...]:
+        """The finding on unidentified values among those that a step uses; none if all of these are known.
+
+        warn  whether it is a warning where one of them acts; otherwise it is a note
+        """
         names = [n for n in self.unidentified if n in used]
-        if not names:
-            return ()
         return (Finding(
-            severity, "unidentified-value",
+            "warning" if warn and not self.acting.keys().isdisjoint(names) else "note", "unidentified-value",
             f"No recording identifies {', '.join(names)}: what the parameter files state is where a fit started.",
             {n: self.start.values[n] for n in names},
             "Record what identifies it, or state a value that is known: with --set, or in the file without a "
-            "status."),)
+            "status."),) if names else ()

@@ -50,10 +50,9 @@ def step_result_of(text: str) -> StepResult:
     parameters = [_parameter_row(name, entry, entry.get("status"))
                   for name, entry in (content.get("parameters") or {}).items()]
     unidentified = StepResult(tuple(parameters)).unidentified
-    for name, entry in (content.get(DERIVED_STATUS) or {}).items():
-        by_unidentified = not unidentified.isdisjoint(entry.get("reason", "").replace(",", "").split())
-        parameters.append(_parameter_row(f"{DERIVED_STATUS}.{name}", entry,
-                                         UNIDENTIFIED_STATUS if by_unidentified else DERIVED_STATUS))
+    parameters += [_parameter_row(f"{DERIVED_STATUS}.{name}", entry, DERIVED_STATUS if unidentified.isdisjoint(
+        entry.get("reason", "").replace(",", "").split()) else UNIDENTIFIED_STATUS)
+                   for name, entry in (content.get(DERIVED_STATUS) or {}).items()]
     return StepResult(tuple(parameters), _fit_figures(content), verdict, bool(content.get("passed", True)),
                 tuple((f["severity"], f["code"], f["text"]) for f in content.get("findings") or ()))
 

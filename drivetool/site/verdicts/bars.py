@@ -82,8 +82,8 @@ def _check_figure(bar: BarSection, group: Sequence[Entry]) -> str | None:
         return None
     step, result, figure = values[-1]
     if name in result.unidentified:
-        return (f"wanted {bar_name(bar)}; found a start value in the file of {step}: no recording identifies it. "
-                "See the reason in that file.")
+        return (f"wanted {bar_name(bar)}; found no value that is known in the file of {step}: no recording "
+                "identifies it. See the reason in that file.")
     if figure.value is None:
         return f"wanted {bar_name(bar)}; found no value in the file of {step}. See the reason in that file."
     limit = bar.at_most if bar.at_least is None else bar.at_least

@@ -7,12 +7,10 @@ inertia at 80 % with the resonance unchanged.
 from __future__ import annotations
 
 from collections.abc import Iterator
-from contextlib import suppress
 
 import numpy as np
 
 from drivetool.drive import Drive, resonances
-from drivetool.errors import BadParameters
 from drivetool.quantity import name_of
 from drivetool.tune.optimisation.scenarios import loop_figures
 from drivetool.tune.optimisation.sections import VariationSection
@@ -37,13 +35,10 @@ def variation_study(drive: Drive, wiring: Wiring, settings: Settings) -> tuple[V
 
 def depends_on(drive: Drive, name: str, wiring: Wiring, settings: Settings) -> bool:
     """Whether Ms or the impact drop changes noticeably where a value is ten times as large, or a tenth."""
-    nominal = loop_figures(build(drive, wiring), settings)[:2]
-    for factor in (1.0 / UNKNOWN_FACTOR, UNKNOWN_FACTOR):
-        with suppress(BadParameters):  # beyond what is physical
-            changed = loop_figures(build(_scaled(drive, name, factor), wiring), settings)[:2]
-            if not np.allclose(changed, nominal, rtol=NOTICEABLE_CHANGE, atol=0.0):
-                return True
-    return False
+    drives = [drive.with_values({name: float(np.clip(factor * drive.value(name), *drive.quantity(name).bounds))})
+              for factor in (1.0, 1.0 / UNKNOWN_FACTOR, UNKNOWN_FACTOR)]
+    nominal, *changed = (loop_figures(build(each, wiring), settings)[:2] for each in drives)
+    return not np.allclose(changed, nominal, rtol=NOTICEABLE_CHANGE, atol=0.0)
 
 
 def changed_drives(drive: Drive) -> Iterator[tuple[str, Drive]]:
