@@ -186,7 +186,7 @@ def refused(block: Block, folder: str) -> list[str]:
         elif schema[1] == "site":
             load_site(path)
         else:
-            load_parameters([str(path)]).drive()
+            load_parameters([str(path)]).stated()
     except DriveToolError as error:
         return [str(error)]
     return []

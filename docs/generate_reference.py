@@ -56,7 +56,7 @@ SEEN = {
     "A value is not identifiable, or its interval is conditional":
         "friction-from-prior held-values-dominate idle-torque-not-separable location-not-identifiable "
         "negative-estimate not-converged not-identifiable ratios-only rotating-parts-unknown "
-        "shaft-not-identifiable simulation-criterion single-speed",
+        "shaft-not-identifiable simulation-criterion single-speed unidentified-value",
     "Backlash":
         "gap-ambiguous gap-law gap-left-out gap-may-open gap-not-crossed gap-not-opened gap-not-significant "
         "gap-refit gap-unbounded low-inertia-ratio",

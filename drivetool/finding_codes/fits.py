@@ -290,6 +290,13 @@ CODES = {
         "The torque is a command, and Granger's test shows no feedback from the sensor to it. It is the input and "
         "the motion the output; a fit that simulates the motion is more efficient than `--criterion inverse`.",
         "Compare with `--criterion auto`."),
+    "unidentified-value": Code(
+        NOTE_OR_WARNING,
+        "A parameter file states a value as `not-identifiable`, and the step uses it as if it were known. It is "
+        "where a fit started, or ended without information. `tune` stops where the design depends on such a value. "
+        "It is a note where the effect of the value is absent, as for a friction of zero, and in `compare` and "
+        "`diagnose`, which fit most values again.",
+        "Do the experiment that the file states for it, or state a known value with `--set`."),
     "unstable-estimate": Code(
         WARNING_OR_FAILURE,
         "The polynomial model has unstable poles and cannot be simulated. It is a failure for the one model of "

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -20,6 +21,7 @@ from drivetool.tune.optimisation import (
     TuningProblem,
     allowed_gains,
     check_gain_is_limited,
+    depends_on,
     draw_drives,
     factors,
     grid_shapes,
@@ -58,6 +60,7 @@ def tune(drive: Drive, options: TuneOptions, draw_pictures: bool = False) -> Gai
     if options.confidence is not None and not 0.0 < options.confidence < 1.0:
         raise BadOption("a confidence between 0 and 1", f"{options.confidence:g}", "Write for example 0.95.")
     drive.require(drive.missing(), "a controller")
+    _require_identified(drive, options, [n for n in options.unidentified if drive.quantity(n).neutral is None])
     chosen, notes = wirings_to_tune(drive, options)
     known = ("load_speed", "motor_speed", *(f"{motor}_torque" for motor in chosen[0].motors))
     for name in options.criterion.weights:
@@ -70,11 +73,24 @@ def tune(drive: Drive, options: TuneOptions, draw_pictures: bool = False) -> Gai
                             "none in the parameter file", "Use a file that an estimator wrote, or leave it out.")
     designs = tuple(_tune_configuration(drive, wiring, options, covariance, draws)
                     for wiring in counted("designs", chosen, len(chosen)))
+    _require_identified(drive, options, [n for n in options.unidentified if any(
+        depends_on(drive, n, each.wiring, each.settings) for each in designs)])
     findings = (*notes, *remarks.loop_findings(drive, options),
                 *remarks.spread_findings(drive, options, covariance, draws),
                 *(f for each in designs for f in remarks.design_findings(drive, each, options)))
     gains = Gains(drive, designs, options, remarks.outcome_sentence(drive, designs, options), findings)
     return replace(gains, exhibits=pictures(gains, draws)) if draw_pictures else gains
+
+
+def _require_identified(drive: Drive, options: TuneOptions, names: Sequence[str]) -> None:
+    """Raise BadParameters where a design depends on values that no recording identifies."""
+    if names:
+        raise BadParameters(
+            f"known values of {', '.join(names)}, on which the controller depends",
+            "start values, which no recording identifies ("
+            + "; ".join(f"{n}: {options.unidentified[n] or 'no reason stated'}" for n in names) + ")",
+            f"Record what identifies them, or state what is known: --set {names[0]}=VALUE.",
+            [n for n in drive.values if n not in options.unidentified])
 
 
 def wirings_to_tune(drive: Drive, options: TuneOptions) -> tuple[tuple[Wiring, ...], tuple[Finding, ...]]:

@@ -36,6 +36,7 @@ class TuneOptions:
     draws, seed      of the covariance
     known, stds      covariance and single standard deviations of the parameters
     ratings          None: no per-unit figures
+    unidentified     name -> reason of values that no recording identifies
     """
 
     criterion: Criterion = field(default_factory=lambda: criterion("IAE"))
@@ -52,6 +53,7 @@ class TuneOptions:
     known: Covariance | None = None
     stds: Mapping[str, float] = field(default_factory=dict)
     ratings: Ratings | None = None
+    unidentified: Mapping[str, str] = field(default_factory=dict)
 
 
 @dataclass(frozen=True)

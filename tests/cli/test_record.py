@@ -148,7 +148,7 @@ def test_a_recording_goes_by_its_last_name_and_keeps_its_values(tmp_path):
     one = file_with(tmp_path, "one.yaml", [("x", A), ("y", B)], **{
         "motor.inertia": 1.0, "motor.coulomb@x": 0.9, "motor.viscous@x": 0.2, "motor.coulomb@y": 0.5})
     two = file_with(tmp_path, "two.yaml", [("renamed", A), ("y", 64 * "c")], **{"motor.coulomb@renamed": 0.3})
-    drive = load_parameters([one, two]).drive()
+    drive = load_parameters([one, two]).stated().start
     assert drive.records == {"renamed": A, "y": 64 * "c"}
     assert {n: v for n, v in drive.values.items() if "@" in n} == {
         "motor.coulomb@renamed": 0.3, "motor.viscous@renamed": 0.2}
@@ -162,7 +162,7 @@ def test_a_recording_goes_by_its_last_name_and_keeps_its_values(tmp_path):
 def test_what_is_wrong_in_a_file_is_said(tmp_path, records, parameters, said):
     path = file_with(tmp_path, "bad.yaml", records, **{"motor.inertia": 1.0, **parameters})
     with pytest.raises(BadParameters) as error:
-        load_parameters([path]).drive()
+        load_parameters([path]).stated()
     assert said in str(error.value)
 
 

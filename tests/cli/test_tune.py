@@ -245,7 +245,7 @@ def test_ratings_and_speed_filter_are_carried_by_every_step(folder):
     from drivetool.identify.estimate import Estimate
 
     loaded = load_parameters(["drive.yaml", "ratings.yaml"])
-    estimate = Estimate("greybox", loaded.drive(), (), "converged", {})
+    estimate = Estimate("greybox", loaded.stated().start, (), "converged", {})
     (folder / "next.yaml").write_text(dump(estimate_file(estimate, loaded.inputs, loaded.carried)))
     after = load_parameters(["next.yaml"])
     assert after.ratings(two_mass()) == pytest.approx((100e3, 630 * np.pi / 30)) and after.speed_filter == 0.001

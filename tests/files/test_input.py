@@ -84,7 +84,7 @@ def test_bad_input_is_one_clear_sentence(tmp_path, text, words):
     path = tmp_path / "hand.yaml"
     path.write_bytes(text if isinstance(text, bytes) else text.encode())
     with pytest.raises(BadParameters) as caught:
-        load_parameters([path]).drive(two_mass())
+        load_parameters([path]).stated(two_mass())
     message = str(caught.value)
     assert "hand.yaml" in message and "\n" not in message
     assert message.startswith("wanted ") and message.endswith((".", "?"))
@@ -106,7 +106,7 @@ def test_a_file_written_by_hand(tmp_path):
                     "  motor.inertia: {value: 0.4, unit: kg m^2}\n  load.inertia: 56000 # bare\n"
                     "  shaft.half_gap: {value: 4.3, unit: deg}\n  shaft.damping: 1e-1\n"
                     "  motor.viscous: {value: null, reason: unknown}\n")
-    drive = load_parameters([path]).drive()
+    drive = load_parameters([path]).stated().start
     assert drive.damping_law == "always"
     assert drive.values == pytest.approx({
         "motor.inertia": 0.4, "load.inertia": 56000.0, "shaft.half_gap": math.radians(4.3),
@@ -118,21 +118,21 @@ def test_later_files_win_and_totals_displace_parts(tmp_path):
     first.write_text(PREFIX + "{motor.inertia: 1, total.viscous: 0.2}\nnoise: {torque_std: 2}")
     second.write_text(PREFIX + "{motor.inertia: 2, motor.viscous: 0.1, load.viscous: 0.1}")
     loaded = load_parameters([first, second])
-    assert loaded.drive().values == {"motor.inertia": 2, "motor.viscous": 0.1, "load.viscous": 0.1}
+    assert loaded.stated().start.values == {"motor.inertia": 2, "motor.viscous": 0.1, "load.viscous": 0.1}
     assert loaded.noise == {"torque_std": 2}
     assert [name for name, _ in loaded.inputs] == ["a.yaml", "b.yaml"]
-    assert load_parameters([second, first]).drive().values == {"motor.inertia": 1, "total.viscous": 0.2}
+    assert load_parameters([second, first]).stated().start.values == {"motor.inertia": 1, "total.viscous": 0.2}
 
 
 def test_own_bodies_and_default_structure(tmp_path):
     path = tmp_path / "x.yaml"
     path.write_text(HEAD + "drive: {bodies: [motor, gear, arm, tool]}\nparameters: {arm.inertia: 3}")
-    drive = load_parameters([path]).drive()
+    drive = load_parameters([path]).stated().start
     assert drive.shafts == ("shaft", "shaft2", "shaft3") and drive.values == {"arm.inertia": 3}
     path.write_text(PREFIX + "{motor.inertia: 3}")
-    assert load_parameters([path]).drive(one_body("N", "m")) == one_body("N", "m").with_values(
+    assert load_parameters([path]).stated(one_body("N", "m")).start == one_body("N", "m").with_values(
         {"motor.inertia": 3})
-    assert load_parameters([]).drive(one_body()) == one_body()
+    assert load_parameters([]).stated(one_body()).start == one_body()
 
 
 @pytest.mark.parametrize("written, wanted, expected", [
@@ -176,10 +176,10 @@ def test_units_of_files_are_those_of_the_section_and_of_torque_constants(tmp_pat
         path.write_text(HEAD + text)
         assert load_parameters([path]).own_units == expected
     path.write_text(HEAD + "parameters: {motor.torque_constant: {value: 2, unit: kN/V}}")
-    assert load_parameters([path]).drive().values == {"motor.torque_constant": 2000.0}
+    assert load_parameters([path]).stated().start.values == {"motor.torque_constant": 2000.0}
     path.write_text(HEAD + "drive: {input_unit: A}\nparameters: {motor.torque_constant: 2}")
     with pytest.raises(BadParameters, match=r"motor's input in V, the unit of the recording; found A in x"):
-        load_parameters([path]).drive(two_mass("Nm", "rad", "V"))
+        load_parameters([path]).stated(two_mass("Nm", "rad", "V"))
 
 
 @given(st.floats(allow_nan=False, allow_infinity=False))

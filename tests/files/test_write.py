@@ -68,8 +68,8 @@ def load(tmp_path, text):
 
 def test_round_trip(tmp_path):
     loaded = load(tmp_path, dump_estimate(ESTIMATE))
-    assert loaded.drive() == DRIVE
-    assert loaded.drive(two_mass()) == DRIVE
+    assert loaded.stated().start == DRIVE
+    assert loaded.stated(two_mass()).start == DRIVE
     covariance = loaded.covariance(DRIVE)
     assert covariance.names == ("motor.inertia", "load.inertia")
     np.testing.assert_allclose(covariance.matrix, [[1.44e-6, 2e-7], [2e-7, 5.29e-4]], rtol=1e-9)
@@ -81,7 +81,7 @@ def test_a_total_and_its_part_are_not_both_written(tmp_path):
     text = dump_estimate(replace(ESTIMATE, parameters=(*ESTIMATE.parameters, part)))
     entry = yaml.safe_load(text)["parameters"]["motor.viscous"]
     assert entry["value"] is None and entry["reason"] == "stated as total.viscous"
-    assert load(tmp_path, text).drive() == DRIVE
+    assert load(tmp_path, text).stated().start == DRIVE
 
 
 def test_a_part_of_a_std_that_is_not_finite_is_left_out(tmp_path):
@@ -90,14 +90,14 @@ def test_a_part_of_a_std_that_is_not_finite_is_left_out(tmp_path):
     entry = yaml.safe_load(text)["parameters"][known.name]
     assert (entry["std"], entry["reason"]) == (None, "the standard deviation is not finite")
     assert "std_noise" not in entry and entry["repeatability"] == 0.5
-    assert load(tmp_path, text).drive().values[known.name] == known.value
+    assert load(tmp_path, text).stated().start.values[known.name] == known.value
 
 
 def test_edited_unit_converts_value_and_covariance(tmp_path):
     content = yaml.safe_load(dump_estimate(ESTIMATE))
     content["parameters"]["load.inertia"] |= {"value": 5179.0, "unit": "g m^2"}
     loaded = load(tmp_path, yaml.safe_dump(content))
-    assert loaded.drive().value("load.inertia") == pytest.approx(5.179)
+    assert loaded.stated().start.value("load.inertia") == pytest.approx(5.179)
     assert loaded.covariance(DRIVE).matrix[0] == pytest.approx([1.44e-6, 2e-10])
 
 

@@ -28,7 +28,7 @@ def record(room, name):
 
 
 def drive(room):
-    return load_parameters([FIXTURES / room / "drive.yaml"]).drive()
+    return load_parameters([FIXTURES / room / "drive.yaml"]).stated().start
 
 
 def truth(room):

@@ -111,12 +111,13 @@ def run(job: Job, options: CompareOptions) -> int:
     from drivetool.logs import refuse_copies
 
     opened = open_all(job)
-    opened, drive = with_torques(opened, drive_for(job, opened))
+    assumed, doubts = drive_for(job, opened).assumed(warn=False)  # most of them are fitted again
+    opened, drive = with_torques(opened, assumed)
     refuse_copies([opened.experiments[i] for places in options.machines.values() for i in places])
     with recordings_drawn_on_failure(job, opened.experiments):
         found = compare(opened.experiments, drive, options)
     used = asdict(options) | {"machines": {name: [opened.experiments[i].name for i in places]
                                            for name, places in options.machines.items()}}
     found = replace(found, options=noted_options(job, used), findings=collected_findings(
-        opened, found.findings, used_by(job.step, opened.experiments, drive), drive, job.step))
+        opened, (*doubts, *found.findings), used_by(job.step, opened.experiments, drive), drive, job.step))
     return deliver(job, comparison_file(found, opened.inputs), found.exhibits)

@@ -91,7 +91,9 @@ def run(job: Job, held_count: int, options: DiagnoseOptions, report: str | None,
     check_outputs(job, report=report)
     opened = open_all(job)
     loaded = opened.loaded
-    differences = record_differences(job, opened.experiments, drive_for(job, opened))
+    stated = drive_for(job, opened)
+    assumed, doubts = stated.assumed(warn=False)  # most of them are freed again
+    differences = record_differences(job, opened.experiments, assumed)
     split = len(opened.experiments) - held_count
     differences = (held_out_differences(differences, opened.experiments[:split],
                                    job.step) if options.criterion == "inverse"
@@ -108,14 +110,14 @@ def run(job: Job, held_count: int, options: DiagnoseOptions, report: str | None,
                 and name not in differences.free]
         found = diagnose(training, drive, free, options, holdout, loaded.starts(drive), differences.free)
     about_base = base_findings(loaded, training, holdout, options.criterion)
-    all_findings = (*about_base, verdict_finding(found), *found.estimate.findings)
+    all_findings = (*doubts, *about_base, verdict_finding(found), *found.estimate.findings)
     used = asdict(options) | dict(found.estimate.options) | {
         "holdout": [{"file": e.name, "sha256": e.sha256} for e in holdout]}
     used_roles = used_by(job.step, opened.experiments, drive)
     found = found.replace(estimate=replace(
         found.estimate, findings=collected_findings(opened, all_findings, used_roles, drive, job.step),
         options=noted_options(job, used, differences.words)))
-    file = diagnosis_file(found, opened.inputs)
+    file = diagnosis_file(found, opened.inputs, stated.acting)
     if report is not None:
         from drivetool.files.pages import diagnosis_page
 

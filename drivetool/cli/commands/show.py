@@ -21,14 +21,18 @@ def command(
         "an inspection; - is standard input.")],
     other: Annotated[str | None, typer.Argument(
         metavar="[FILE2]", help="A second parameter file. Each row has both values and their difference.")] = None,
+    every: Annotated[bool, typer.Option(
+        "--all", help="Also values that no recording identifies.")] = False,
     debug: cli.Debug = False,
 ) -> int:
     """Its options; the exit code."""
-    from drivetool.files.tables import print_both
+    from drivetool.files.shapes import ParameterFile
+    from drivetool.files.tables import print_both, without_unidentified
     from drivetool.files.yaml import load_result
 
     paths = [file] if other is None else [file, other]
-    files = [load_result(path) for path in paths]
+    files = [without_unidentified(content) if isinstance(content, ParameterFile) and not every else content
+             for content in map(load_result, paths)]
     if other is None:
         print_table(files[0])
         show_findings(files[0].findings, stderr=False)

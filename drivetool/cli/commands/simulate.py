@@ -55,10 +55,11 @@ def run(job: Job, segment: float) -> int:
                         "The table is binary; write for example '--out sim.parquet'.")
     _ = job.log
     opened = open_all(job)
-    opened, drive = with_torques(opened, drive_for(job, opened))
+    assumed, doubts = drive_for(job, opened).assumed()
+    opened, drive = with_torques(opened, assumed)
     experiment, = opened.experiments
     found = run_model(experiment, drive, segment, start_of(job.start, drive))
-    all_findings = collected_findings(opened, (), used_by(job.step, opened.experiments, drive), drive, job.step)
+    all_findings = collected_findings(opened, doubts, used_by(job.step, opened.experiments, drive), drive, job.step)
     models = ", ".join(name for name, _ in opened.inputs)
     given = {"condition": "; ".join(job.condition), "start": "; ".join(job.start)}
     about = {"record": experiment.name, "record_sha256": experiment.sha256, "models": models,

@@ -7,6 +7,7 @@ them.
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 from enum import StrEnum
 from typing import TYPE_CHECKING, Annotated
 
@@ -19,7 +20,7 @@ from drivetool.files.yaml import units
 
 if TYPE_CHECKING:
     from drivetool.drive import Drive
-    from drivetool.files.yaml import Loaded
+    from drivetool.files.yaml import Loaded, StatedDrive
     from drivetool.tune import TuneOptions
 
 EXAMPLE = 'drivetool tune -p backlash.yaml --converter "433,0.69,2 ms" --out gains.yaml'
@@ -91,10 +92,11 @@ def run(job: Job, words: dict[str, object]) -> int:
 
     check_outputs(job)
     loaded = load_parameters(job.params)
-    drive = loaded.drive()
-    drive = with_set_values(drive, job.set)
-    drive = _with_converter(drive, words["converter"])
-    gains = tune(drive, _tune_options(job, words, drive, loaded), draw_pictures=bool(job.plot))
+    stated = _with_converter(with_set_values(loaded.stated(), job.set), words["converter"])
+    options = replace(_tune_options(job, words, stated.start, loaded), unidentified=stated.unidentified)
+    gains = tune(stated.start, options, draw_pictures=bool(job.plot))
+    _, doubts = stated.assumed(warn=any(each.watches for each in gains.designs))
+    gains = replace(gains, findings=(*doubts, *gains.findings))
     return deliver(job, gains_file(gains, loaded.inputs, words), gains.exhibits, bool(words["per_unit"]))
 
 
@@ -147,17 +149,17 @@ def _weights(words: Sequence[str]) -> dict[str, float]:
     return found
 
 
-def _with_converter(drive: Drive, text: object) -> Drive:
-    """The drive with the torque path of --converter."""
+def _with_converter(stated: StatedDrive, text: object) -> StatedDrive:
+    """The drive with the torque path of --converter, which is known."""
     if text is None:
-        return drive
+        return stated
     parts = [part.strip() for part in str(text).split(",")]
     if not 1 <= len(parts) <= 3:
         raise BadOption("BANDWIDTH[,DAMPING[,DEAD_TIME]] after --converter", f"'{text}'",
                         "Write for example '--converter 433,0.69,0.002'.")
     names = ("bandwidth", "damping", "dead_time")
     units = ("rad/s", "", "s")
-    return drive.with_values({
+    return stated.with_values({
         f"converter.{name}": _number_in_unit(part, unit, "--converter")
         for name, unit, part in zip(names, units, parts, strict=False)})
 

@@ -33,6 +33,8 @@ if TYPE_CHECKING:
     from drivetool.check.validation import ValidateOptions
     from drivetool.drive import Drive
     from drivetool.files.shapes import ParameterFile
+    from drivetool.files.yaml import Loaded
+    from drivetool.finding import Finding
     from drivetool.logs import Experiment
 
 EXAMPLE = "drivetool validate other.parquet --params backlash.yaml --min-fit 95"
@@ -81,14 +83,29 @@ def run_gains(job: Job, options: ValidateOptions, gains: str, configuration: str
         raise BadOption(f"{other} or --gains", "both",
                         "A replay with --gains is a simulation of the loop: leave the other option out.")
     opened = open_all(job)
-    each = [replace(opened.loaded, sources=(source,)) for source in opened.loaded.sources]
-    opened, drives = _with_model_torques(opened, [drive_for(job, opened, one) for one in each], False)
+    each, assumed, doubts = _assumed_models(job, opened, options.criterion)
+    opened, drives = _with_model_torques(opened, assumed, False)
     models = [(one.sources[0].name, one.sources[0].sha256, drive) for one, drive in zip(each, drives, strict=True)]
     validation, entry = replay_gains(opened.experiments, models, gains, configuration, options)
     used = _noted(options) | {"gains": entry[0], "configuration": configuration}
     validation = replace(validation, options=noted_options(job, used), findings=collected_findings(
-        opened, validation.findings, {*COMPARED_ROLES, "load_torque"}, models[0][2], job.step))
+        opened, (*doubts, *validation.findings), {*COMPARED_ROLES, "load_torque"}, models[0][2], job.step))
     return deliver(job, validation_file(validation, (*opened.inputs, entry)), validation.exhibits)
+
+
+def _assumed_models(job: Job, opened: Opened, criterion: str) -> tuple[list[Loaded], list[Drive], list[Finding]]:
+    """The files one by one, the drive of each with its values taken as known, and findings on those that are not.
+
+    A file of ratios has all that a coast-down depends on.
+    """
+    from drivetool.cli.parts import COAST_DOWN
+    from drivetool.files.yaml import has_only_ratios
+
+    each = [replace(opened.loaded, sources=(source,)) for source in opened.loaded.sources]
+    found = [drive_for(job, opened, one).assumed() for one in each]
+    return each, [drive for drive, _ in found], [
+        finding for one, (_, doubts) in zip(each, found, strict=True) for finding in doubts
+        if criterion != COAST_DOWN or not has_only_ratios(one.sources[0].file)]
 
 
 def _with_model_torques(opened: Opened, drives: Sequence[Drive], off_too: bool) -> tuple[Opened, list[Drive]]:
@@ -127,9 +144,9 @@ def run(job: Job, options: ValidateOptions) -> int:
 
     opened = open_all(job)
     options = with_coast_down_criterion(opened, options)
-    each = [replace(opened.loaded, sources=(source,)) for source in opened.loaded.sources]
-    differences = [only_known_differences(
-        record_differences(job, opened.experiments, drive_for(job, opened, one)), job.step) for one in each]
+    each, assumed, doubts = _assumed_models(job, opened, options.criterion)
+    differences = [only_known_differences(record_differences(job, opened.experiments, drive), job.step)
+                   for drive in assumed]
     opened, drives = _with_model_torques(opened, [found.drive for found in differences],
                                          options.criterion == COAST_DOWN)
     models = [(one.sources[0].name, drive, one.noise) for one, drive in zip(each, drives, strict=True)]
@@ -151,7 +168,7 @@ def run(job: Job, options: ValidateOptions) -> int:
              for role in used_by(job.step, opened.experiments, drive, options.criterion)}
     validation = replace(validation, options=noted_options(job, used, differences[0].words),
                          findings=collected_findings(
-                             opened, validation.findings, used_roles, models[0][1], job.step))
+                             opened, (*doubts, *validation.findings), used_roles, models[0][1], job.step))
     code = deliver(job, validation_file(validation, opened.inputs), validation.exhibits)
     if not job.quiet and validation.unexplained:
         words = ["drivetool", "diagnose", *job.logs, "--params", job.params[0]]

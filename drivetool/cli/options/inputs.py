@@ -18,7 +18,7 @@ from drivetool.logs import ROLES
 
 if TYPE_CHECKING:
     from drivetool.drive import Drive
-    from drivetool.files.yaml import Loaded
+    from drivetool.files.yaml import Loaded, StatedDrive
     from drivetool.finding import Finding
     from drivetool.identify.setup import KnownStart, Options
 
@@ -65,23 +65,23 @@ def _further_roles(job: Job, loaded: Loaded, shape: Loaded | None) -> list[str]:
     return [role for choices in sensors_of(drive) for role in choices if role not in ROLES]
 
 
-def drive_for(job: Job, opened: Opened, loaded: Loaded | None = None, free: Sequence[str] = ()) -> Drive:
+def drive_for(job: Job, opened: Opened, loaded: Loaded | None = None, free: Sequence[str] = ()) -> StatedDrive:
     """The drive to work with: --drive, else the parameter file's, else two masses.
 
     loaded  the parameter files to take values from; None: all of them
     free    names of what is to be fitted
     """
     from drivetool.drive import KNOWN_DRIVES, two_mass
+    from drivetool.files.yaml import StatedDrive
 
     loaded = loaded or opened.loaded
     units = units_of(job, opened, loaded, free)
-    drive = loaded.structure(two_mass(*units))
+    stated = StatedDrive(loaded.structure(two_mass(*units)))
     if opened.shape:
-        drive = opened.shape.fill(opened.shape.structure(two_mass(*units)))
+        stated = opened.shape.stated(two_mass(*units))
     elif job.drive:
-        drive = replace(KNOWN_DRIVES[job.drive](*units), damping_law=drive.damping_law)
-    drive = loaded.fill(drive)
-    return with_set_values(drive, job.set)
+        stated = StatedDrive(replace(KNOWN_DRIVES[job.drive](*units), damping_law=stated.start.damping_law))
+    return with_set_values(loaded.fill(stated), job.set)
 
 
 def with_torques(opened: Opened, drive: Drive, free: Sequence[str] = (), off_too: bool = False,
@@ -96,10 +96,10 @@ def with_torques(opened: Opened, drive: Drive, free: Sequence[str] = (), off_too
     return replace(opened, experiments=experiments), drive
 
 
-def with_set_values(drive: Drive, words: Sequence[str]) -> Drive:
-    """The drive with the values of --set."""
+def with_set_values(stated: StatedDrive, words: Sequence[str]) -> StatedDrive:
+    """The drive with the values of --set, which are known."""
     with errors_as_usage():
-        return drive.with_values(dict(start_value(word, drive) for word in words))
+        return stated.with_values(dict(start_value(word, stated.start) for word in words))
 
 
 @contextlib.contextmanager

@@ -88,7 +88,8 @@ def run(job: Job, estimator: Estimator, options: Options) -> int:
     refuse_unused(job.step, options)
     opened = open_all(job)
     refuse_copies(opened.experiments)
-    differences = record_differences(job, opened.experiments, drive_for(job, opened, free=options.free))
+    stated = drive_for(job, opened, free=options.free)
+    differences = record_differences(job, opened.experiments, stated.start)
     opened, drive = with_torques(opened, differences.drive, (*options.free, *differences.free),
                                  job.step == "steady")
     with errors_as_usage():
@@ -102,6 +103,8 @@ def run(job: Job, estimator: Estimator, options: Options) -> int:
                       stages=windows_of(job.stages, drive.motion_unit))
     with recordings_drawn_on_failure(job, opened.experiments):
         estimate = estimator(opened.experiments, drive, options)
+    held = {*drive.constants, *(p.name for p in estimate.parameters if p.status == "held")}
+    doubts = stated.doubts(held & stated.acting.keys())
     used = asdict(replace(options, known=None)) | dict(estimate.options) | {"set": list(job.set)}
     defaults = asdict(Options())  # the file states options of a single step only where they were requested
     used |= {"stages": job.stages} if job.stages else {}
@@ -109,6 +112,7 @@ def run(job: Job, estimator: Estimator, options: Options) -> int:
     used = {name: value for name, value in used.items()
             if name != "known" and not (name in of_one_step and value == defaults[name])}
     estimate = replace(estimate, options=noted_options(job, used, differences.words),
-                       findings=collected_findings(opened, estimate.findings, used_by(
+                       findings=collected_findings(opened, (*doubts, *estimate.findings), used_by(
                            job.step, opened.experiments, drive, options.criterion), drive, job.step, options))
-    return deliver(job, estimate_file(estimate, opened.inputs, opened.loaded.carried), estimate.exhibits)
+    return deliver(job, estimate_file(estimate, opened.inputs, opened.loaded.carried, stated.acting),
+                   estimate.exhibits)

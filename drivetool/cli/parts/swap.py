@@ -42,4 +42,6 @@ def run(job: Job) -> int:
     check_outputs(job)
     first, second = (load_parameters([path]) for path in job.params)
     found = swap(*sides_of(first, second))
+    doubts = (finding for loaded in (first, second) for finding in loaded.stated().assumed()[1])
+    found = found.replace(findings=(*doubts, *found.findings))
     return deliver(job, swap_file(found, (*first.inputs, *second.inputs)), found.exhibits)

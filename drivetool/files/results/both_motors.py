@@ -36,7 +36,7 @@ def _display_name(loaded: Loaded) -> str:
 
 
 def _side_of(loaded: Loaded, name: str) -> Side:
-    drive, file = loaded.drive(), loaded.sources[0].file
+    drive, file = loaded.stated().start, loaded.sources[0].file
     if not drive.values:
         raise BadParameters("parameters with values", f"none in {name}",
                             "Give a file that greybox, backlash or blackbox wrote.")

@@ -23,12 +23,14 @@ from drivetool.files.yaml import written
 _DETECTABLE: Mapping[State, bool | None] = {"not-shown": False, "failed": None, "in-the-model": None}
 
 
-def diagnosis_file(diagnosis: Diagnosis, inputs: Inputs = ()) -> shapes.ParameterFile:
+def diagnosis_file(diagnosis: Diagnosis, inputs: Inputs = (),
+                   unidentified: Mapping[str, str] | None = None) -> shapes.ParameterFile:
     """The parameter file of the extended drive, with the diagnosis.
 
-    inputs  (name, sha256) of the parameter files that were read
+    inputs        (name, sha256) of the parameter files that were read
+    unidentified  as of `estimate_file`
     """
-    return estimate_file(diagnosis.estimate, inputs).replace(
+    return estimate_file(diagnosis.estimate, inputs, unidentified=unidentified).replace(
         step="diagnose", outcome=diagnosis.sentence, diagnosis=diagnosis_section(diagnosis))
 
 

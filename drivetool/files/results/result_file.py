@@ -17,6 +17,7 @@ from drivetool.files.yaml import to_json, to_plain, to_yaml, written
 from drivetool.finding import Finding
 from drivetool.finding_codes import DOUBTING
 from drivetool.identify.estimate import Covariance, Estimate, Parameter, StartsSection, derived_figures_of
+from drivetool.quantity import name_of, quantity_of
 
 COPIED_PARAMETER = "copied from the parameter file, not used in this step"
 Form = Literal["yaml", "json"]
@@ -35,10 +36,13 @@ def dump(file: shapes.Shape, form: Form = "yaml") -> str:
 
 
 def estimate_file(estimate: Estimate, inputs: Inputs = (),
-                  carried: Mapping[str, shapes.Shape] | None = None) -> shapes.ParameterFile:
+                  carried: Mapping[str, shapes.Shape] | None = None,
+                  unidentified: Mapping[str, str] | None = None) -> shapes.ParameterFile:
     """The parameter file of an estimate, every value of its drive included.
 
-    carried  sections of the input files that no estimator changes: ratings, controller
+    carried       sections of the input files that no estimator changes: ratings, controller
+    unidentified  name -> reason of values that no recording identifies: where one was held, or is a part of such a
+                  sum, the file says so again
     """
     drive = replace(estimate.drive, values={**estimate.drive.constants, **estimate.drive.values})
     known = [_stated_once(p, drive) for p in estimate.parameters]
@@ -51,6 +55,10 @@ def estimate_file(estimate: Estimate, inputs: Inputs = (),
             reason = f"inputs in {drive.input_unit} are multiplied by it" if is_constant(name) else COPIED_PARAMETER
             parameters[name] = parameter_section(Parameter(
                 name=name, value=value, unit=drive.unit(name), status="held", reason=reason))
+    marks = unidentified or {}
+    parameters |= {n: section.replace(status="not-identifiable", reason=why) for n, section in parameters.items()
+                   if section.status == "held"
+                   and (why := marks.get(n, marks.get(name_of("total", quantity_of(n))))) is not None}
     order = {name: i for i, name in enumerate(drive.quantities)}
     return shapes.ParameterFile(
         schema=shapes.PARAMETERS_SCHEMA, tool=tool_section(), step=estimate.step, outcome=estimate.outcome,

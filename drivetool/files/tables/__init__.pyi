@@ -10,4 +10,8 @@ from .catalogue_tables import (
 from .diagnosis_table import print_rule as print_rule
 from .file_tables import print_file as print_file
 from .number_format import short as short
-from .result_tables import print_both as print_both, print_findings as print_findings
+from .result_tables import (
+    print_both as print_both,
+    print_findings as print_findings,
+    without_unidentified as without_unidentified,
+)

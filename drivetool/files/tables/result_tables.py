@@ -52,6 +52,13 @@ def print_estimate(file: shapes.ParameterFile, console: Console) -> None:
         console.print(lines([f"{count} of {file.starts.tried} starts converged to these values"]))
 
 
+def without_unidentified(file: shapes.ParameterFile) -> shapes.ParameterFile:
+    """The file to print: what no recording identifies has a reason in the place of a value."""
+    return file.replace(parameters={n: entry if entry.status != "not-identifiable" else entry.replace(
+        value=None, reason=f"{entry.reason or 'no recording identifies it'} (its value: show --all)")
+        for n, entry in file.parameters.items()})
+
+
 def _interval_scope(file: shapes.ParameterFile) -> str:
     """What the +- refers to: one recording, or the machine."""
     if file.step not in ("greybox", "backlash") or all(p.std is None for p in file.parameters.values()):

@@ -12,6 +12,7 @@ from .ratios import (
     has_only_ratios as has_only_ratios,
     is_coast_down_file as is_coast_down_file,
 )
+from .stated_drive import StatedDrive as StatedDrive
 from .text import (
     counted_noun as counted_noun,
     escape_unprintable as escape_unprintable,

@@ -26,6 +26,7 @@ from drivetool.files.shapes import (
 )
 from drivetool.files.yaml import checked, units
 from drivetool.files.yaml.covariances import merged_covariance
+from drivetool.files.yaml.stated_drive import StatedDrive
 from drivetool.files.yaml.text import from_yaml
 from drivetool.files.yaml.written_values import (
     factor_to_drive,
@@ -69,14 +70,14 @@ class Loaded:
         noise = next((source.file.noise for source in reversed(self.sources) if source.file.noise), {})
         return {k: v for k, v in noise.items() if v is not None}
 
-    def drive(self, default: Drive | None = None) -> Drive:
+    def stated(self, default: Drive | None = None) -> StatedDrive:
         """The drive of the files with their values.
 
         default  structure where no file has a drive section, and the units of the
                  recordings; None: two masses in the units of the files
         raises   BadParameters: a name, unit or value the drive cannot take
         """
-        return self.fill(self.structure(default) if default else self.chain())
+        return self.fill(StatedDrive(self.structure(default) if default else self.chain()))
 
     def chain(self) -> Drive:
         """The bodies and shafts alone, in the units of the files; two masses where no file has a drive section."""
@@ -90,18 +91,20 @@ class Loaded:
                 drive = _drive_of_section(source.file.drive, drive, source.name)
         return drive
 
-    def fill(self, drive: Drive) -> Drive:
-        """`drive` with the values of all the files, converted to its units."""
+    def fill(self, stated: StatedDrive) -> StatedDrive:
+        """`stated` with the values of all the files, converted to its units."""
         for source in self.sources:
             section = source.file.drive or shapes.DriveSection()
-            _check_units(section, drive, source.name)
-            drive = _with_records(drive, source)
+            _check_units(section, stated.start, source.name)
+            drive = _with_records(stated.start, source)
             values = {name: value for name, entry in source.file.parameters.items()
                       if (value := value_in_drive(drive, name, entry, source.name)) is not None}
             _check_totals(values, drive, source.name)
+            marks = {name: entry.reason for name, entry in source.file.parameters.items() if name in values
+                     and isinstance(entry, shapes.ParameterSection) and entry.status == "not-identifiable"}
             with file_named_in_errors(source.name):
-                drive = drive.with_values(values)
-        return drive
+                stated = replace(stated, start=drive).with_values(values, marks)
+        return stated
 
     def sections(self, drive: Drive) -> dict[str, shapes.ParameterSection]:
         """What the files say about each parameter, bare numbers with the unit of `drive`."""
@@ -209,7 +212,7 @@ def load_result(path: str | Path, stdin: BinaryIO | None = None) -> Result:
         raise BadParameters("a file that a step wrote, to show its table", f"{schema} in {name}",
                             advice.get(schema, checked.OTHER_SCHEMA_ADVICE), (shapes.PARAMETERS_SCHEMA, *others))
     loaded = Loaded((_checked_source(name, data),))
-    return msgspec.structs.replace(loaded.sources[0].file, parameters=loaded.sections(loaded.drive()))
+    return msgspec.structs.replace(loaded.sources[0].file, parameters=loaded.sections(loaded.stated().start))
 
 
 def _checked_source(name: str, data: bytes) -> ParameterSource:

@@ -180,6 +180,7 @@ class Estimate:
         return replace(self, parameters=tuple(line if p.name == line.name else p for p in self.parameters))
 
 
-def without_intervals(lines: Sequence[Parameter], why: str = "the fit did not converge") -> tuple[Parameter, ...]:
-    """The lines with no interval on what was fitted."""
-    return tuple(p.without_interval(why) if p.status in ("fitted", "at-bound") else p for p in lines)
+def without_intervals(lines: Sequence[Parameter], why: str = "the fit did not converge",
+                      status: Status | None = None) -> tuple[Parameter, ...]:
+    """The lines with no interval on what was fitted; status: of these lines, None: as it is."""
+    return tuple(p.without_interval(why, status) if p.status in ("fitted", "at-bound") else p for p in lines)

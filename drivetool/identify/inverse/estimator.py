@@ -24,6 +24,7 @@ from drivetool.identify.estimate import (
     covariance_of,
     estimate_from_fit,
     parameters_of,
+    without_intervals,
 )
 from drivetool.identify.inverse.missing_laws import own_parameters_of, solve_with_laws, with_laws
 from drivetool.identify.inverse.regression import (
@@ -110,8 +111,8 @@ def greybox_by_inverse(experiments: Sequence[Experiment], drive: Drive, free: Se
                  *(() if reference else _open_loop_findings(experiments, sensor))]
     if f.over_sd > MAX_RESIDUAL_OVER_SD:
         findings.append(_explains_nothing_finding(f.over_sd))
-        lines = tuple(p if p.status == "held" else p.without_interval(
-            "the inverse model explains none of the torque") for p in lines)
+        lines, covariance = without_intervals(
+            lines, "the inverse model explains none of the torque", "not-identifiable"), None
     return estimate_from_fit(
         "greybox", experiments, alone.drive, lines, covariance, outcome=_outcome_sentence(fit, reference),
         fit=figures, findings=findings, exhibits=exhibits, laws=laws,

@@ -150,7 +150,8 @@ def _parameter_lines(before: Drive, own: Task, outcome: Outcome, options: Option
     if not_converged(outcome):
         lines, covariance, sums, more = without_intervals(lines), None, (), [*more, _not_converged_finding(outcome)]
     if explanation is not None and explanation.torque_explains_nothing:
-        lines, covariance, sums = without_intervals(lines, "the logged torque explains nothing"), None, ()
+        lines = without_intervals(lines, "the logged torque explains nothing", "not-identifiable")
+        covariance, sums = None, ()
     return lines, covariance, sums, (*findings, *more, *held)
 
 

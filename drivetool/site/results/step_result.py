@@ -9,6 +9,7 @@ from typing import Any
 from drivetool.files.yaml import from_yaml
 
 DERIVED_STATUS = "derived"  # status of a figure that follows from the parameters, and the beginning of its name
+UNIDENTIFIED_STATUS = "not-identifiable"  # of a parameter, and here of a figure whose reason names such a one
 # Of several checks in a validation the worst is taken; for these figures that is the largest.
 LARGEST_IS_WORST = ("rmse", "nrmse", "rmse_percent", "max_correlation", "lags_outside_percent")
 
@@ -30,6 +31,11 @@ class StepResult:
     passed: bool = True
     findings: tuple[tuple[str, str, str], ...] = ()
 
+    @property
+    def unidentified(self) -> set[str]:
+        """Names of what no recording identifies."""
+        return {row[0] for row in self.parameters if row[-1] == UNIDENTIFIED_STATUS}
+
 
 def step_result_of(text: str) -> StepResult:
     """The content of a result file.
@@ -43,7 +49,9 @@ def step_result_of(text: str) -> StepResult:
         verdict = "passed" if content["passed"] else "missed"
     parameters = [_parameter_row(name, entry, entry.get("status"))
                   for name, entry in (content.get("parameters") or {}).items()]
-    parameters += [_parameter_row(f"{DERIVED_STATUS}.{name}", entry, DERIVED_STATUS)
+    unidentified = StepResult(tuple(parameters)).unidentified
+    parameters += [_parameter_row(f"{DERIVED_STATUS}.{name}", entry, DERIVED_STATUS if unidentified.isdisjoint(
+        entry.get("reason", "").replace(",", "").split()) else UNIDENTIFIED_STATUS)
                    for name, entry in (content.get(DERIVED_STATUS) or {}).items()]
     return StepResult(tuple(parameters), _fit_figures(content), verdict, bool(content.get("passed", True)),
                 tuple((f["severity"], f["code"], f["text"]) for f in content.get("findings") or ()))

@@ -76,11 +76,14 @@ def _check_findings(bar: BarSection, group: Sequence[Entry]) -> str | None:
 def _check_figure(bar: BarSection, group: Sequence[Entry]) -> str | None:
     """Why a bar on a figure is missed; empty if it is met; None where no file has the figure."""
     name = bar.figure or ""
-    values = [(step, figure) for step, each in _step_results(bar, group)
+    values = [(step, each, figure) for step, each in _step_results(bar, group)
               for figure in [figures(each).get(name)] if figure]
     if not values:
         return None
-    step, figure = values[-1]
+    step, result, figure = values[-1]
+    if name in result.unidentified:
+        return (f"wanted {bar_name(bar)}; found no value that is known in the file of {step}: no recording "
+                "identifies it. See the reason in that file.")
     if figure.value is None:
         return f"wanted {bar_name(bar)}; found no value in the file of {step}. See the reason in that file."
     limit = bar.at_most if bar.at_least is None else bar.at_least

@@ -30,4 +30,4 @@ from .sections import (
     SpreadSection as SpreadSection,
     VariationSection as VariationSection,
 )
-from .variations import Variation as Variation, variation_study as variation_study
+from .variations import Variation as Variation, depends_on as depends_on, variation_study as variation_study

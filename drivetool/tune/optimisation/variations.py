@@ -16,6 +16,10 @@ from drivetool.tune.optimisation.scenarios import loop_figures
 from drivetool.tune.optimisation.sections import VariationSection
 from drivetool.tune.speed_loop import Settings, Wiring, build
 
+# By what factor a value may be off that no recording identifies, and the relative change of a figure of the loop
+# that counts as dependence. Choices: a start value is seldom better; 3 % of Ms changes no margin noticeably.
+UNKNOWN_FACTOR, NOTICEABLE_CHANGE = 10.0, 0.03
+
 
 class Variation(VariationSection):
     """One changed drive under the unchanged controller; infinite figures where it is unstable."""
@@ -27,6 +31,14 @@ def variation_study(drive: Drive, wiring: Wiring, settings: Settings) -> tuple[V
     """All variations that apply to this drive."""
     return tuple(Variation(label, *loop_figures(build(changed, wiring), settings), changed)
                  for label, changed in changed_drives(drive))
+
+
+def depends_on(drive: Drive, name: str, wiring: Wiring, settings: Settings) -> bool:
+    """Whether Ms or the impact drop changes noticeably where a value is ten times as large, or a tenth."""
+    drives = [drive.with_values({name: float(np.clip(factor * drive.value(name), *drive.quantity(name).bounds))})
+              for factor in (1.0, 1.0 / UNKNOWN_FACTOR, UNKNOWN_FACTOR)]
+    nominal, *changed = (loop_figures(build(each, wiring), settings)[:2] for each in drives)
+    return not np.allclose(changed, nominal, rtol=NOTICEABLE_CHANGE, atol=0.0)
 
 
 def changed_drives(drive: Drive) -> Iterator[tuple[str, Drive]]:
