@@ -42,7 +42,9 @@ def with_laws(task: Task, laws: Sequence[Law], factors: Sequence[float] | None =
                     values={**task.drive.values, **dict(zip(names, map(float, factors), strict=True))})
     experiments = []
     for k, e in enumerate(task.experiments):
-        columns = np.nan_to_num(np.column_stack([law.columns[k] for law in laws]))
+        columns = np.zeros((e.size, more))
+        for first, last in e.segments:
+            columns[first:last] = np.nan_to_num(np.column_stack([law.columns[k][first:last] for law in laws]))
         experiments.append(replace(e, signals={**e.signals, **dict(zip(names, columns.T, strict=True))}))
     roles = replace(task.roles, inputs=(*task.roles.inputs, *names))
     return replace(task, drive=drive, free=(*task.free, *names), roles=roles, experiments=tuple(experiments))

@@ -96,7 +96,10 @@ def law_library(body_motions: Motions, turns: bool, body: str = "motor", name_su
         size = np.sqrt(np.nanmean(np.concatenate(columns) ** 2, axis=0))
         if np.all(np.isfinite(size)) and np.all(size > 1e-9 * np.nanmax(np.abs(np.concatenate(columns)))):
             share = None if inertia is None else inertia / size
-            found.append(Law(name + name_suffix, tuple(c / size for c in columns), part, share, body, parameter))
+            # Zeros that nothing is written to take no memory.
+            found.append(Law(name + name_suffix, tuple(
+                np.divide(c, size, out=np.zeros(c.shape), where=np.isfinite(c)) for c in columns), part, share, body,
+                parameter))
 
     if moves_in_both_directions(motions):
         law("direction-dependent friction", lambda m, v, t: [np.abs(v)])

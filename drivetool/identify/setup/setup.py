@@ -108,15 +108,21 @@ def traces_of(experiments: Sequence[Experiment], roles: Roles, segment: float = 
     found = []
     for e in experiments:
         known = starts.get(e.number, starts.get(UNNAMED_RECORDINGS, {}))
-        u = np.column_stack([e.signals[r] for r in roles.inputs])
-        y = np.column_stack([e.signals[r] for r in roles.outputs])
         for first, last in e.segments:
-            pieces = max(1, round((last - first) * e.step / segment)) if segment > 0.0 else 1
+            # A stretch by itself: a pause of any length takes no memory.
+            u, y = (np.column_stack([e.signals[r][first:last] for r in each]) for each in (roles.inputs, roles.outputs))
+            # At most one a sample, whatever the time stamps say.
+            pieces = max(1, min(round((last - first) * e.step / segment), last - first)) if segment > 0.0 else 1
             edges = np.linspace(first, last, pieces + 1).round().astype(int)
-            found += [Trace(np.ascontiguousarray(u[a:b]), np.ascontiguousarray(y[a:b]), e.step, e.name,
-                            e.offset + a * e.step, e.number, u[first:a] if a > first else None,
+            found += [Trace(u[a - first:b - first], y[a - first:b - first], e.step, e.name,
+                            e.offset + a * e.step, e.number, u[:a - first] if a > first else None,
                             known if e.begins and a == e.segments[0][0] else {})
                       for a, b in pairwise(edges) if b - a >= 10]
+    if not found and segment > 0.0:
+        raise NotEnoughData("at least 10 samples in a piece of a fit",
+                            f"pieces of {segment:g} s of a record with a sample every "
+                            f"{min(e.step for e in experiments):g} s",
+                            "Check the time stamps and their unit, or give a longer --segment.")
     if not found:
         raise NotEnoughData("a stretch of at least 10 samples", "none", "Record longer.")
     return tuple(found)
