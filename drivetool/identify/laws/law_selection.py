@@ -42,9 +42,7 @@ def with_laws(task: Task, laws: Sequence[Law], factors: Sequence[float] | None =
                     values={**task.drive.values, **dict(zip(names, map(float, factors), strict=True))})
     experiments = []
     for k, e in enumerate(task.experiments):
-        columns = np.zeros((e.size, more))
-        for first, last in e.segments:
-            columns[first:last] = np.nan_to_num(np.column_stack([law.columns[k][first:last] for law in laws]))
+        columns = np.nan_to_num(np.column_stack([law.on_grid(k) for law in laws]))
         experiments.append(replace(e, signals={**e.signals, **dict(zip(names, columns.T, strict=True))}))
     roles = replace(task.roles, inputs=(*task.roles.inputs, *names))
     return replace(task, drive=drive, free=(*task.free, *names), roles=roles, experiments=tuple(experiments))
@@ -101,10 +99,12 @@ def _sums(task: Task, point: Point, noise: Noise, laws: Sequence[Law]) -> np.nda
     """(folds, p + 1, p + 1) sums of products of [fitted parameters, law columns, error], without start states."""
     task = task.at_point(point)
     passes, starts = filtered(task.problem(), point, noise), with_disturbance_state(point, noise).starts
-    tasks = [task, *(with_laws(replace(task, free=()), batch) for batch in _law_batches(laws))]
-    problems = [t.problem().with_memory(noise.memory) for t in tasks]
-    plants = [p.plants(np.array([t.drive.values[n] for n in t.free]), True)
-              for p, t in zip(problems, tasks, strict=True)]
+    problems, plants, sizes = [], [], []
+    for batch in ((), *_law_batches(laws)):  # only the traces of each stay in memory
+        one = with_laws(replace(task, free=()), batch) if batch else task
+        problems.append(one.problem().with_memory(noise.memory))
+        plants.append(problems[-1].plants(np.array([one.drive.values[n] for n in one.free]), True))
+        sizes.append(len(one.free))
     count, width = sum(t.size for t in problems[0].traces), len(task.free) + sum(law.size for law in laws) + 1
     total, done = np.zeros((FOLDS, width, width)), 0
     for i, trace in enumerate(problems[0].traces):
@@ -114,7 +114,7 @@ def _sums(task: Task, point: Point, noise: Noise, laws: Sequence[Law]) -> np.nda
         for chunk in zip(*(each[i].sensitivities(p.traces[i], starts[i], passes[i].gains)
                            for each, p in zip(plants, problems, strict=True)), strict=True):
             part, first = chunk[0]
-            columns = [rows[:, :, :len(t.free)] for (_, rows), t in zip(chunk, tasks, strict=True)]
+            columns = [rows[:, :, :own] for (_, rows), own in zip(chunk, sizes, strict=True)]
             flat = np.concatenate([first[:, :, states], *columns, first[:, :, -1:]], axis=2)
             add_products(whole, flat, done + part.start, count)
         # Columns that diverge under the gains are left out.

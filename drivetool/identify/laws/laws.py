@@ -40,13 +40,14 @@ class Law:
     """A torque that brakes a body, over its motion.
 
     name     as reported
-    columns  one array (n, m) per experiment, of size one; NaN outside its segments
+    columns  one array per experiment, a row (m,) per sample where it is known, of size one
     of       what of the body it is a part of: friction that is alike in both directions, inertia, or the idle
              torque, of which it has the mean; or nothing
     inertia  (m,) of which it has this share
     body     that it brakes
     parameter  of the drive that the law is equal to, to be freed in its place
     positive   whether its first factor is positive in any drive
+    known      (n,) per experiment where it is known, which leaves pauses out; None: everywhere
     """
 
     name: str
@@ -56,11 +57,20 @@ class Law:
     body: str = "motor"
     parameter: str = ""
     positive: bool = False
+    known: tuple[np.ndarray, ...] | None = None
 
     @property
     def size(self) -> int:
         """How many columns it has."""
         return self.columns[0].shape[1]
+
+    def on_grid(self, experiment: int) -> np.ndarray:
+        """(n, m) its columns over all samples of the experiment of that number; NaN where it is not known."""
+        if self.known is None:
+            return self.columns[experiment]
+        found = np.full((len(self.known[experiment]), self.size), np.nan)
+        found[self.known[experiment]] = self.columns[experiment]
+        return found
 
 
 def places_of(laws: Sequence[Law], first: int = 0) -> list[slice]:
@@ -87,6 +97,7 @@ def law_library(body_motions: Motions, turns: bool, body: str = "motor", name_su
     """
     motions, top = body_motions.each, body_motions.top
     longest = max(m.time[-1] - m.time[0] for m in motions)
+    known = tuple(np.isfinite(m.speed) for m in motions)
     found = []
 
     def law(name: str, of: Callable[[Motion, np.ndarray, np.ndarray], Sequence[np.ndarray]],
@@ -96,10 +107,10 @@ def law_library(body_motions: Motions, turns: bool, body: str = "motor", name_su
         size = np.sqrt(np.nanmean(np.concatenate(columns) ** 2, axis=0))
         if np.all(np.isfinite(size)) and np.all(size > 1e-9 * np.nanmax(np.abs(np.concatenate(columns)))):
             share = None if inertia is None else inertia / size
-            # Zeros that nothing is written to take no memory.
-            found.append(Law(name + name_suffix, tuple(
-                np.divide(c, size, out=np.zeros(c.shape), where=np.isfinite(c)) for c in columns), part, share, body,
-                parameter))
+            where = known if any(np.isnan(c).any() for c in columns) else None
+            rows = columns if where is None else [c[k] for c, k in zip(columns, where, strict=True)]
+            found.append(Law(name + name_suffix, tuple(c / size for c in rows), part, share, body, parameter,
+                             known=where))
 
     if moves_in_both_directions(motions):
         law("direction-dependent friction", lambda m, v, t: [np.abs(v)])

@@ -110,7 +110,8 @@ def traces_of(experiments: Sequence[Experiment], roles: Roles, segment: float = 
         known = starts.get(e.number, starts.get(UNNAMED_RECORDINGS, {}))
         for first, last in e.segments:
             # A stretch by itself: a pause of any length takes no memory.
-            u, y = (np.column_stack([e.signals[r][first:last] for r in each]) for each in (roles.inputs, roles.outputs))
+            u, y = (np.column_stack([e.signals[r][first:last] for r in names])
+                    for names in (roles.inputs, roles.outputs))
             # At most one a sample, whatever the time stamps say.
             pieces = max(1, min(round((last - first) * e.step / segment), last - first)) if segment > 0.0 else 1
             edges = np.linspace(first, last, pieces + 1).round().astype(int)

@@ -30,9 +30,9 @@ from drivetool.logs.clocks.rate import (
     low_pass_reference,
 )
 
-# Steps of a grid for each sample on it, and those of pauses in however short a record (four minutes at 1 kHz). A choice:
-# a step in a pause takes up to 400 bytes in a fit, so that these bound its memory.
-MAX_STEPS_PER_SAMPLE, MAX_PAUSE_STEPS = 50, 250_000
+# Steps of a grid for each sample on it, and those of pauses in however short a record (200 s at 1 kHz). A choice:
+# a step in a pause takes up to 500 bytes in a fit, which a fit of few samples needs anyway.
+MAX_STEPS_PER_SAMPLE, MAX_PAUSE_STEPS = 50, 200_000
 
 
 @dataclass(frozen=True)
