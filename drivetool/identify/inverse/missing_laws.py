@@ -40,21 +40,17 @@ def missing_laws_of(record: InverseRegression) -> tuple[str, ...]:
     parts, powers, measured = [], np.zeros(2), record.with_motion()
     others = record.with_motion(predicted=True) if record.predicted else measured
     for i, (e, q, z) in enumerate(zip(record.experiments, measured, others, strict=True)):
-        used, columns = q.used & z.used & np.isfinite(np.column_stack([z.slopes, q.residual])).all(axis=1), []
-        possible = used[::record.kept].copy()
-        for c in (c for law in laws for c in law.on_grid(i).T):
-            column = smoothed(np.nan_to_num(c), e, record.seen.each[i], record.seen.lag > 0)
-            used &= np.isfinite(column)
-            columns.append(column[::record.kept][possible])  # not in pauses: these may be long
+        used = q.used & z.used
         powers += [float(np.sum(v[used] ** 2)) for v in (q.residual, q.torque)]
-        used = used[::record.kept]
-        coefficients = autoregression(np.where(used, q.residual[::record.kept], 0.0))
-        rows = np.column_stack([z.slopes[::record.kept][possible], *columns, q.residual[::record.kept][possible]])
-        # What is whole lies behind used samples alone, so that those left out before do not matter.
-        white = scipy.signal.lfilter(coefficients, [1.0], np.where(used[possible, None], rows, 0.0), axis=0)
+        used, residual = used[::record.kept], q.residual[::record.kept]
+        columns = [smoothed(np.nan_to_num(c), e, record.seen.each[i], record.seen.lag > 0)[::record.kept][used]
+                   for law in laws for c in law.on_grid(i).T]
+        rows = np.column_stack([z.slopes[::record.kept][used], *columns, residual[used]])
+        # Only what has used samples alone before it counts, and there the rows left out do not matter.
+        white = scipy.signal.lfilter(autoregression(np.where(used, residual, 0.0)), [1.0], rows, axis=0)
         whole = np.convolve(used, np.ones(AUTOREGRESSION_ORDER + 1),
                             "full")[:len(used)] > AUTOREGRESSION_ORDER + 0.5
-        parts.append(white[whole[possible]])
+        parts.append(white[whole[used]])
     rows = np.concatenate(parts)
     fold = np.arange(len(rows)) * FOLDS // max(len(rows), 1)
     sums = np.array([rows[fold == f].T @ rows[fold == f] for f in range(FOLDS)])

@@ -99,12 +99,13 @@ def _sums(task: Task, point: Point, noise: Noise, laws: Sequence[Law]) -> np.nda
     """(folds, p + 1, p + 1) sums of products of [fitted parameters, law columns, error], without start states."""
     task = task.at_point(point)
     passes, starts = filtered(task.problem(), point, noise), with_disturbance_state(point, noise).starts
-    problems, plants, sizes = [], [], []
-    for batch in ((), *_law_batches(laws)):  # only the traces of each stay in memory
-        one = with_laws(replace(task, free=()), batch) if batch else task
-        problems.append(one.problem().with_memory(noise.memory))
-        plants.append(problems[-1].plants(np.array([one.drive.values[n] for n in one.free]), True))
-        sizes.append(len(one.free))
+    batches = _law_batches(laws)
+    # Of the tasks with laws only the traces stay in memory.
+    problems = [p.with_memory(noise.memory) for p in (
+        task.problem(), *(with_laws(replace(task, free=()), batch).problem() for batch in batches))]
+    values = [np.array([task.drive.values[n] for n in task.free]),
+              *(np.zeros(sum(law.size for law in batch)) for batch in batches)]
+    plants = [p.plants(v, True) for p, v in zip(problems, values, strict=True)]
     count, width = sum(t.size for t in problems[0].traces), len(task.free) + sum(law.size for law in laws) + 1
     total, done = np.zeros((FOLDS, width, width)), 0
     for i, trace in enumerate(problems[0].traces):
@@ -114,7 +115,7 @@ def _sums(task: Task, point: Point, noise: Noise, laws: Sequence[Law]) -> np.nda
         for chunk in zip(*(each[i].sensitivities(p.traces[i], starts[i], passes[i].gains)
                            for each, p in zip(plants, problems, strict=True)), strict=True):
             part, first = chunk[0]
-            columns = [rows[:, :, :own] for (_, rows), own in zip(chunk, sizes, strict=True)]
+            columns = [rows[:, :, :len(v)] for (_, rows), v in zip(chunk, values, strict=True)]
             flat = np.concatenate([first[:, :, states], *columns, first[:, :, -1:]], axis=2)
             add_products(whole, flat, done + part.start, count)
         # Columns that diverge under the gains are left out.

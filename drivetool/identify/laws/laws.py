@@ -97,7 +97,6 @@ def law_library(body_motions: Motions, turns: bool, body: str = "motor", name_su
     """
     motions, top = body_motions.each, body_motions.top
     longest = max(m.time[-1] - m.time[0] for m in motions)
-    known = tuple(np.isfinite(m.speed) for m in motions)
     found = []
 
     def law(name: str, of: Callable[[Motion, np.ndarray, np.ndarray], Sequence[np.ndarray]],
@@ -107,10 +106,9 @@ def law_library(body_motions: Motions, turns: bool, body: str = "motor", name_su
         size = np.sqrt(np.nanmean(np.concatenate(columns) ** 2, axis=0))
         if np.all(np.isfinite(size)) and np.all(size > 1e-9 * np.nanmax(np.abs(np.concatenate(columns)))):
             share = None if inertia is None else inertia / size
-            where = known if any(np.isnan(c).any() for c in columns) else None
-            rows = columns if where is None else [c[k] for c, k in zip(columns, where, strict=True)]
-            found.append(Law(name + name_suffix, tuple(c / size for c in rows), part, share, body, parameter,
-                             known=where))
+            known = tuple(np.isfinite(c).all(axis=1) for c in columns)
+            found.append(Law(name + name_suffix, tuple(c[k] / size for c, k in zip(columns, known, strict=True)),
+                             part, share, body, parameter, known=known))
 
     if moves_in_both_directions(motions):
         law("direction-dependent friction", lambda m, v, t: [np.abs(v)])

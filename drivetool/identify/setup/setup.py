@@ -119,13 +119,11 @@ def traces_of(experiments: Sequence[Experiment], roles: Roles, segment: float = 
                             e.offset + a * e.step, e.number, u[:a - first] if a > first else None,
                             known if e.begins and a == e.segments[0][0] else {})
                       for a, b in pairwise(edges) if b - a >= 10]
-    if not found and segment > 0.0:
-        raise NotEnoughData("at least 10 samples in a piece of a fit",
-                            f"pieces of {segment:g} s of a record with a sample every "
-                            f"{min(e.step for e in experiments):g} s",
-                            "Check the time stamps and their unit, or give a longer --segment.")
     if not found:
-        raise NotEnoughData("a stretch of at least 10 samples", "none", "Record longer.")
+        raise NotEnoughData("a stretch of at least 10 samples", *(
+            ("none", "Record longer.") if segment == 0.0 else
+            (f"none: pieces of {segment:g} s, a sample every {min(e.step for e in experiments):g} s",
+             "Check the time stamps and their unit, or give a longer --segment.")))
     return tuple(found)
 
 

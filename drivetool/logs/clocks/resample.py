@@ -30,10 +30,6 @@ from drivetool.logs.clocks.rate import (
     low_pass_reference,
 )
 
-# Steps of a grid for each sample on it, and those of pauses in however short a record (200 s at 1 kHz). A choice:
-# a step in a pause takes up to 500 bytes in a fit, which a fit of few samples needs anyway.
-MAX_STEPS_PER_SAMPLE, MAX_PAUSE_STEPS = 50, 200_000
-
 
 @dataclass(frozen=True)
 class CleanSignals:
@@ -243,8 +239,8 @@ def _matching_grid_points(time: np.ndarray, at: np.ndarray, step: float) -> np.n
 
 
 def _refuse_vast(count: float, samples: int, log: str) -> None:
-    """A grid that is nearly all gap would only fill the memory."""
-    if count > MAX_STEPS_PER_SAMPLE * samples + MAX_PAUSE_STEPS:
+    """A grid that is nearly all gap would only fill the memory: a step takes up to 500 bytes in a fit."""
+    if count > 50 * samples + 200_000:  # a choice: as much as a fit of few samples needs anyway
         raise BadRecording(f"one stretch of time in {log}", f"{samples} samples over {count:.0f} steps",
                            "Cut the record into files, one per run, or check the time stamps.")
 
