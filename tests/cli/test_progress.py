@@ -9,6 +9,8 @@ import sys
 
 import pytest
 
+from drivetool.cli.output import bar
+from drivetool.cli.output.bar import progress_bar
 from drivetool.progress import counted, progress_to
 
 
@@ -47,6 +49,25 @@ def test_nobody_listens_afterwards():
     events = progress_events(lambda: None)
     list(counted("starts", "ab", 2))
     assert events == []
+
+
+def test_a_log_gets_few_lines_of_the_first_use(monkeypatch, capsys):
+    clock = iter([2.0, 15.0])
+    monkeypatch.setattr(bar.time, "monotonic", lambda: next(clock))
+    with progress_bar():
+        list(counted("first use: 9 parts of the kernel are compiled", range(9), 9))
+        list(counted("starts", range(9), 9))
+    assert capsys.readouterr().err.splitlines() == [
+        "drivetool: first use: 9 parts of the kernel are compiled.", "drivetool: 3 of 9 parts are ready.",
+        "drivetool: 5 of 9 parts are ready.", "drivetool: 7 of 9 parts are ready.", "drivetool: compiled in 13 s."]
+
+
+def test_a_terminal_keeps_how_long_the_first_use_took(monkeypatch, capsys):
+    monkeypatch.setattr(sys.stderr, "isatty", lambda: True)
+    with progress_bar():
+        list(counted("first use: 2 parts of the kernel are compiled", range(2), 2))
+        list(counted("starts", range(2), 2))
+    assert capsys.readouterr().err.count("drivetool: compiled in 0 s.\n") == 1
 
 
 def on_a_terminal(room, *more):

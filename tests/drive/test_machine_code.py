@@ -9,6 +9,7 @@ import subprocess
 import sys
 import time
 from pathlib import Path
+from types import SimpleNamespace
 from unittest.mock import Mock
 
 import pytest
@@ -16,6 +17,7 @@ import pytest
 from drivetool.drive.compile import build, lowered, machine_code
 from drivetool.drive.compile.lowered import SOURCES
 from drivetool.errors import DriveToolError
+from drivetool.progress import progress_to
 
 PARTS = sorted(machine_code.COMPILED_WITH)
 SMALL_UNIT = "switch_late"  # a part that comes alone
@@ -81,7 +83,7 @@ def place(monkeypatch, tmp_path):
 def compiler(monkeypatch):
     """What the compiler is called with; it does what `does` holds, and takes no time."""
     calls = Compiler()
-    monkeypatch.setattr(subprocess, "run", calls.run)
+    monkeypatch.setattr(subprocess, "Popen", calls.start)
     return calls
 
 
@@ -89,12 +91,17 @@ class Compiler:
     """A compiler that is not the real one: the tests are about when it is called, and not how it compiles."""
 
     def __init__(self):
-        self.called, self.does = [], lambda words: None
+        self.called, self.does, self.says, self.code = [], lambda words: None, (), 0
+        self.running = 0
 
-    def run(self, words, **_):
+    @contextlib.contextmanager
+    def start(self, words, stdout, **_):
         self.called.append(words)
+        self.running += 1
         self.does(words)
-        return subprocess.CompletedProcess(words, 0)
+        os.write(stdout, "".join(self.says).encode())
+        yield SimpleNamespace(returncode=self.code)
+        self.running -= 1
 
 
 @pytest.mark.slow
@@ -255,7 +262,7 @@ def changed(kept, what):
 
 # Replaces the compiler by a copy and logs each call: the test is about when it compiles, not how.
 LOADER_SCRIPT = """
-import shutil, subprocess, sys, time
+import contextlib, shutil, subprocess, sys, time, types
 from pathlib import Path
 import drivetool.drive.compile.machine_code as machine_code
 
@@ -264,7 +271,7 @@ def run(words, **_):
     place = machine_code.object_file("switch_late")
     with machine_code.only_compiler(place.parent, "switch_late") as missing:
         if not missing:
-            return subprocess.CompletedProcess(words, 0)
+            return contextlib.nullcontext(types.SimpleNamespace(stdout=(), returncode=0))
         with open("log", "a") as log:
             print(*words[-1:], file=log)
         if place.is_dir():
@@ -272,9 +279,9 @@ def run(words, **_):
         else:
             shutil.copy("good", place.with_name("temporary"))
             place.with_name("temporary").replace(place)
-    return subprocess.CompletedProcess(words, 0)
+    return contextlib.nullcontext(types.SimpleNamespace(stdout=(), returncode=0))
 
-subprocess.run = run
+subprocess.Popen = run
 print(machine_code.address("switch_late") > 0)
 """
 
@@ -344,16 +351,13 @@ def test_a_disk_that_damages_every_file_is_an_error_in_a_sentence(kept):
 def compiled(monkeypatch, place, compiler):
     """(compiled parts, numbers of compilers in parallel), with a compiler that takes no time."""
     monkeypatch.setattr(machine_code, "MAX_COMPILERS", 2)
-    parts, busy, peak = [], [], []
+    parts, peak = [], []
 
     def compile_parts(words):
-        busy.append(None)
-        peak.append(len(busy))
+        peak.append(compiler.running)
         for part in words[words.index(str(place)) + 1:]:
             parts.append(part)
             machine_code.store(place, part.partition(".")[2], part.encode())
-        time.sleep(0.002)
-        busy.pop()
 
     compiler.does = compile_parts
     return parts, peak
@@ -383,6 +387,28 @@ def test_a_part_comes_with_what_it_calls_alone(compiled):
     parts, _ = compiled
     machine_code.prepare(["run_3", "switch_late"])
     assert sorted(parts) == ["events.step_through_events", "events.switch_late", "modes.compute_mode", "run.run_3"]
+
+
+@pytest.mark.parametrize("says, code", [(["run.run_3\n", "modes.compute_mode\n", "a warning\n"], 0), ((), 0),
+                                        (["run.run_3\n", "ValueError: broken\n"], 1)])
+def test_progress_counts_parts_and_not_processes(monkeypatch, place, compiler, says, code):
+    """Also where the compiler says less than it should, or fails."""
+    monkeypatch.setattr(machine_code, "MAX_COMPILERS", 1)
+    compiler.says, compiler.code = says, code
+    lines = []
+    with progress_to(lambda *line: lines.append(line)), \
+            pytest.raises(DriveToolError, match="ValueError: broken") if code else contextlib.nullcontext():
+        machine_code.prepare(["run_3"])
+    assert len(compiler.called) == 1
+    ready = sum(name.strip() in PARTS for name in says)
+    assert [done for _, done, _ in lines] == [*range(ready + 1), 3]
+    assert {(stage, total) for stage, _, total in lines} == {("first use: 3 parts of the kernel are compiled", 3)}
+
+
+def test_a_compiler_names_each_part_as_it_is_ready(place):
+    assert not machine_code.intact_code(SMALL_UNIT)
+    assert list(machine_code._compile(["events.switch_late"])) == ["events.switch_late"]
+    assert machine_code.intact_code(SMALL_UNIT)
 
 
 def test_a_folder_that_is_cleared_meanwhile_is_made_again(place, compiler):

@@ -19,7 +19,7 @@ def blocks_of(traces: Sequence[Trace], length: float = BLOCK_LENGTH) -> list[tup
     length = min(length, seconds / MIN_BLOCKS)
     found = []
     for i, t in enumerate(traces):
-        edges = np.linspace(0, t.size, max(1, round(t.size * min(t.step / length, 1.0))) + 1).round().astype(int)
+        edges = np.linspace(0, t.size, max(1, min(round(t.size * t.step / length), t.size)) + 1).round().astype(int)
         found += [(i, int(a), int(b)) for a, b in pairwise(edges)]
     return found
 

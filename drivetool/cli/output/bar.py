@@ -13,12 +13,10 @@ from drivetool.progress import FIRST_USE, progress_to
 if TYPE_CHECKING:
     from rich.progress import Progress
 
-
 class Bar:
     """One stage at a time; it goes away when the stage is over, before anything else is printed."""
 
-    def __init__(self) -> None:
-        self.stage, self.progress, self.task = "", None, None
+    stage, progress, task = "", None, None
 
     def __call__(self, stage: str, done: int, total: int) -> None:
         """Show a stage; see `drivetool.progress`."""
@@ -31,7 +29,10 @@ class Bar:
             self.progress.start()
         self.progress.update(self.task, completed=done)
         if done >= total:
+            seconds = self.progress.tasks[0].elapsed
             self.close()
+            if stage.startswith(FIRST_USE):
+                _print_duration(seconds)
 
     def close(self) -> None:
         """Take the bar away."""
@@ -49,24 +50,29 @@ def _progress() -> Progress:
 
 
 class FirstUse:
-    """Two lines around the compilation of the kernel, where a file or pipe takes standard error."""
+    """A few lines about the compilation of the kernel, where a file or pipe takes standard error."""
 
-    def __init__(self) -> None:
-        self.began = None
+    began = None
 
     def __call__(self, stage: str, done: int, total: int) -> None:
-        """Print the lines; see `drivetool.progress`."""
+        """Print the lines: at the beginning, at each quarter, and at the end; see `drivetool.progress`."""
         if not stage.startswith(FIRST_USE):
             return
         if self.began is None:
             self.began = time.monotonic()
             print(f"drivetool: {stage}.", file=sys.stderr, flush=True)
         if done >= total:
-            print(f"drivetool: compiled in {time.monotonic() - self.began:.0f} s.", file=sys.stderr, flush=True)
+            _print_duration(time.monotonic() - self.began)
             self.began = None
+        elif done and 4 * done // total > 4 * (done - 1) // total:
+            print(f"drivetool: {done} of {total} parts are ready.", file=sys.stderr, flush=True)
 
     def close(self) -> None:
         """Nothing is left to take away."""
+
+
+def _print_duration(seconds: float) -> None:
+    print(f"drivetool: compiled in {seconds:.0f} s.", file=sys.stderr, flush=True)
 
 
 @contextmanager

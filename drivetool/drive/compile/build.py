@@ -93,12 +93,13 @@ def end_with(starter: int) -> None:
 
 
 def compile_parts(place: Path, parts: Sequence[str]) -> None:
-    """Store the machine code of the parts that are still missing; the process ends with its parent."""
+    """Store the machine code of the parts that are still missing, and print each name once the part is there."""
     for part in parts:
         name = part.partition(".")[2]
         with only_compiler(place, name) as missing:
             if missing:
                 store(place, name, object_of(part))
+        print(part, flush=True)
 
 
 def object_of(part: str) -> bytes:

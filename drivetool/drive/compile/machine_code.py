@@ -12,8 +12,7 @@ import subprocess
 import sys
 import tempfile
 import threading
-from collections.abc import Iterable, Iterator, Mapping
-from concurrent.futures import ThreadPoolExecutor
+from collections.abc import Collection, Iterator, Mapping, Sequence
 from contextlib import ExitStack, contextmanager, suppress
 from functools import cache
 from pathlib import Path
@@ -54,39 +53,40 @@ MAX_COMPILERS = min(os.cpu_count() or 1, 4)  # compilers in parallel; each takes
 _lock = threading.Lock()
 
 
-def prepare(names: Iterable[str] | None = None) -> None:
+def prepare(names: Collection[str] | None = None) -> None:
     """Compile these parts and those that come with them, or all, as far as one is missing or damaged.
 
     names   of parts, as `address` takes them; None for all
     raises  DriveToolError: a part cannot be compiled or kept
     """
-    parts = tuple(COMPILED_WITH) if names is None else [_part(name) for name in names]
-    missing = _missing(dict.fromkeys(p for part in parts for p in (part, *COMPILED_WITH[part])))
+    parts = [part for part in COMPILED_WITH if names is None or part.partition(".")[2] in names]
+    missing = [part for part in dict.fromkeys(p for part in parts for p in (part, *COMPILED_WITH[part]))
+               if intact_code(part.partition(".")[2]) is None]
     if not missing:
         return
     folder().mkdir(PRIVATE, parents=True, exist_ok=True)  # a cache cleaner may have removed it meanwhile
-    lines = [missing[k::MAX_COMPILERS] for k in range(min(MAX_COMPILERS, len(missing)))]
-    with ThreadPoolExecutor(MAX_COMPILERS) as pool:
-        stage = f"{FIRST_USE}: {len(missing)} parts of the kernel are compiled"
-        for _ in counted(stage, pool.map(_compile, lines), len(lines)):
-            pass
+    for _ in counted(f"{FIRST_USE}: {len(missing)} parts of the kernel are compiled", _compile(missing),
+                     len(missing)):
+        pass
 
 
-def _part(name: str) -> str:
-    return next(part for part in COMPILED_WITH if part.endswith(f".{name}"))
-
-
-def _missing(parts: Iterable[str]) -> list[str]:
-    return [part for part in parts if intact_code(part.partition(".")[2]) is None]
-
-
-def _compile(parts: list[str]) -> None:
-    """Compile parts in a process of their own."""
-    # Python imports, and Numba reads settings, from the current folder first: this one has neither.
-    done = subprocess.run([sys.executable, "-m", f"{__package__}.build", str(os.getpid()), str(folder()), *parts],
-                          capture_output=True, text=True, env=_environment(), cwd=folder())
-    if done.returncode != 0:
-        last = (done.stderr.strip().splitlines() or ["no reason given"])[-1]
+def _compile(parts: Sequence[str]) -> Iterator[str]:
+    """Compile parts in processes of their own; each part as it is ready."""
+    reading, writing = os.pipe()
+    last = "no reason given"
+    with ExitStack() as running, open(reading, encoding="utf-8", errors="replace") as said:
+        # Python imports, and Numba reads settings, from the current folder first: this one has neither.
+        compilers = [running.enter_context(subprocess.Popen(
+            [sys.executable, "-m", f"{__package__}.build", str(os.getpid()), str(folder()), *own],
+            stdout=writing, stderr=writing, env=_environment(), cwd=folder()))
+            for own in (parts[k::MAX_COMPILERS] for k in range(min(MAX_COMPILERS, len(parts))))]
+        os.close(writing)  # theirs end with them
+        for line in map(str.strip, said):
+            if line in parts:
+                yield line
+            else:
+                last = line or last
+    if any(compiler.returncode for compiler in compilers):
         raise DriveToolError(f"the kernel, compiled in {folder()}", last,
                              "Install drivetool and its requirements again; is there room on the disk?")
 

@@ -40,16 +40,17 @@ def missing_laws_of(record: InverseRegression) -> tuple[str, ...]:
     parts, powers, measured = [], np.zeros(2), record.with_motion()
     others = record.with_motion(predicted=True) if record.predicted else measured
     for i, (e, q, z) in enumerate(zip(record.experiments, measured, others, strict=True)):
-        columns = [smoothed(np.nan_to_num(c), e, record.seen.each[i], record.seen.lag > 0)
-                   for law in laws for c in law.columns[i].T]
-        rows = np.column_stack([z.slopes, *columns, q.residual])
-        used = q.used & z.used & np.isfinite(rows).all(axis=1)
+        used = q.used & z.used
         powers += [float(np.sum(v[used] ** 2)) for v in (q.residual, q.torque)]
-        rows, used = np.where(used[:, None], rows, 0.0)[::record.kept], used[::record.kept]
-        white = scipy.signal.lfilter(autoregression(rows[:, -1]), [1.0], rows, axis=0)
+        used, residual = used[::record.kept], q.residual[::record.kept]
+        columns = [smoothed(np.nan_to_num(c), e, record.seen.each[i], record.seen.lag > 0)[::record.kept][used]
+                   for law in laws for c in law.on_grid(i).T]
+        rows = np.column_stack([z.slopes[::record.kept][used], *columns, residual[used]])
+        # Only what has used samples alone before it counts, and there the rows left out do not matter.
+        white = scipy.signal.lfilter(autoregression(np.where(used, residual, 0.0)), [1.0], rows, axis=0)
         whole = np.convolve(used, np.ones(AUTOREGRESSION_ORDER + 1),
                             "full")[:len(used)] > AUTOREGRESSION_ORDER + 0.5
-        parts.append(white[whole])
+        parts.append(white[whole[used]])
     rows = np.concatenate(parts)
     fold = np.arange(len(rows)) * FOLDS // max(len(rows), 1)
     sums = np.array([rows[fold == f].T @ rows[fold == f] for f in range(FOLDS)])

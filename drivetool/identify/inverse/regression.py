@@ -99,7 +99,7 @@ class InverseRegression:
         torques = {role: e.signals[role] for role in self.inputs}
         if drive.shafts:
             more, torques = torque_of_chain(drive, free, e, motion, torques), {}
-        columns = np.column_stack([np.empty((e.size, 0)), *(law.columns[i] for law in laws)])
+        columns = np.column_stack([np.empty((e.size, 0)), *(law.on_grid(i) for law in laws)])
         torques |= dict(zip(drive.known_torques, np.nan_to_num(columns).T, strict=True))
         body = first_body(drive)
         found = equations(e, body, free, self.seen, motion, standing, torques, more)

@@ -42,7 +42,7 @@ def with_laws(task: Task, laws: Sequence[Law], factors: Sequence[float] | None =
                     values={**task.drive.values, **dict(zip(names, map(float, factors), strict=True))})
     experiments = []
     for k, e in enumerate(task.experiments):
-        columns = np.nan_to_num(np.column_stack([law.columns[k] for law in laws]))
+        columns = np.nan_to_num(np.column_stack([law.on_grid(k) for law in laws]))
         experiments.append(replace(e, signals={**e.signals, **dict(zip(names, columns.T, strict=True))}))
     roles = replace(task.roles, inputs=(*task.roles.inputs, *names))
     return replace(task, drive=drive, free=(*task.free, *names), roles=roles, experiments=tuple(experiments))
@@ -99,10 +99,13 @@ def _sums(task: Task, point: Point, noise: Noise, laws: Sequence[Law]) -> np.nda
     """(folds, p + 1, p + 1) sums of products of [fitted parameters, law columns, error], without start states."""
     task = task.at_point(point)
     passes, starts = filtered(task.problem(), point, noise), with_disturbance_state(point, noise).starts
-    tasks = [task, *(with_laws(replace(task, free=()), batch) for batch in _law_batches(laws))]
-    problems = [t.problem().with_memory(noise.memory) for t in tasks]
-    plants = [p.plants(np.array([t.drive.values[n] for n in t.free]), True)
-              for p, t in zip(problems, tasks, strict=True)]
+    batches = _law_batches(laws)
+    # Of the tasks with laws only the traces stay in memory.
+    problems = [p.with_memory(noise.memory) for p in (
+        task.problem(), *(with_laws(replace(task, free=()), batch).problem() for batch in batches))]
+    values = [np.array([task.drive.values[n] for n in task.free]),
+              *(np.zeros(sum(law.size for law in batch)) for batch in batches)]
+    plants = [p.plants(v, True) for p, v in zip(problems, values, strict=True)]
     count, width = sum(t.size for t in problems[0].traces), len(task.free) + sum(law.size for law in laws) + 1
     total, done = np.zeros((FOLDS, width, width)), 0
     for i, trace in enumerate(problems[0].traces):
@@ -112,7 +115,7 @@ def _sums(task: Task, point: Point, noise: Noise, laws: Sequence[Law]) -> np.nda
         for chunk in zip(*(each[i].sensitivities(p.traces[i], starts[i], passes[i].gains)
                            for each, p in zip(plants, problems, strict=True)), strict=True):
             part, first = chunk[0]
-            columns = [rows[:, :, :len(t.free)] for (_, rows), t in zip(chunk, tasks, strict=True)]
+            columns = [rows[:, :, :len(v)] for (_, rows), v in zip(chunk, values, strict=True)]
             flat = np.concatenate([first[:, :, states], *columns, first[:, :, -1:]], axis=2)
             add_products(whole, flat, done + part.start, count)
         # Columns that diverge under the gains are left out.

@@ -40,13 +40,14 @@ class Law:
     """A torque that brakes a body, over its motion.
 
     name     as reported
-    columns  one array (n, m) per experiment, of size one; NaN outside its segments
+    columns  one array per experiment, a row (m,) per sample where it is known, of size one
     of       what of the body it is a part of: friction that is alike in both directions, inertia, or the idle
              torque, of which it has the mean; or nothing
     inertia  (m,) of which it has this share
     body     that it brakes
     parameter  of the drive that the law is equal to, to be freed in its place
     positive   whether its first factor is positive in any drive
+    known      (n,) per experiment where it is known, which leaves pauses out; None: everywhere
     """
 
     name: str
@@ -56,11 +57,20 @@ class Law:
     body: str = "motor"
     parameter: str = ""
     positive: bool = False
+    known: tuple[np.ndarray, ...] | None = None
 
     @property
     def size(self) -> int:
         """How many columns it has."""
         return self.columns[0].shape[1]
+
+    def on_grid(self, experiment: int) -> np.ndarray:
+        """(n, m) its columns over all samples of the experiment of that number; NaN where it is not known."""
+        if self.known is None:
+            return self.columns[experiment]
+        found = np.full((len(self.known[experiment]), self.size), np.nan)
+        found[self.known[experiment]] = self.columns[experiment]
+        return found
 
 
 def places_of(laws: Sequence[Law], first: int = 0) -> list[slice]:
@@ -96,7 +106,9 @@ def law_library(body_motions: Motions, turns: bool, body: str = "motor", name_su
         size = np.sqrt(np.nanmean(np.concatenate(columns) ** 2, axis=0))
         if np.all(np.isfinite(size)) and np.all(size > 1e-9 * np.nanmax(np.abs(np.concatenate(columns)))):
             share = None if inertia is None else inertia / size
-            found.append(Law(name + name_suffix, tuple(c / size for c in columns), part, share, body, parameter))
+            known = tuple(np.isfinite(c).all(axis=1) for c in columns)
+            found.append(Law(name + name_suffix, tuple(c[k] / size for c, k in zip(columns, known, strict=True)),
+                             part, share, body, parameter, known=known))
 
     if moves_in_both_directions(motions):
         law("direction-dependent friction", lambda m, v, t: [np.abs(v)])

@@ -35,7 +35,8 @@ def projection_of_laws(task: Task, laws: Sequence[Law], seen: Mapping[str, Motio
         if names:
             columns, moving = _friction_regressors(seen[law.body])
             rows = np.column_stack([columns[part] for part in names])[moving]
-            share = np.linalg.lstsq(rows, np.concatenate(law.columns)[moving], rcond=None)[0]
+            share = np.linalg.lstsq(rows, np.concatenate([law.on_grid(k) for k in range(len(law.columns))])[moving],
+                                    rcond=None)[0]
             for name, row in zip(names.values(), share, strict=True):
                 found[free.index(name), own] = row * _referred_factor(task, law.body, name)
     return found

@@ -45,7 +45,7 @@ def regress(task: Task, seen: Motions, laws: Sequence[Law] = ()) -> Regression:
     drive = replace(task.drive, known_torques=factors)
     rows = []
     for i, (e, m) in enumerate(zip(task.experiments, seen.each, strict=True)):
-        columns = np.column_stack([np.empty((e.size, 0)), *(law.columns[i] for law in laws)])
+        columns = np.column_stack([np.empty((e.size, 0)), *(law.on_grid(i) for law in laws)])
         q = equations(e, drive, names, seen, m, at_standstill(m.slow), dict(zip(factors, columns.T, strict=True)))
         rows.append(Rows(q.residual[q.used], q.slopes[q.used], q.slopes[q.used]))
     inverse = inverse_of(rows)

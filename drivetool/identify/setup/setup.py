@@ -108,18 +108,22 @@ def traces_of(experiments: Sequence[Experiment], roles: Roles, segment: float = 
     found = []
     for e in experiments:
         known = starts.get(e.number, starts.get(UNNAMED_RECORDINGS, {}))
-        u = np.column_stack([e.signals[r] for r in roles.inputs])
-        y = np.column_stack([e.signals[r] for r in roles.outputs])
         for first, last in e.segments:
-            count = last - first  # stamps in a wrong unit make a record of years: a piece has a sample at least
-            pieces = max(1, round(count * min(e.step / segment, 1.0))) if segment > 0.0 else 1
+            # A stretch by itself: a pause of any length takes no memory.
+            u, y = (np.column_stack([e.signals[r][first:last] for r in names])
+                    for names in (roles.inputs, roles.outputs))
+            # At most one a sample, whatever the time stamps say.
+            pieces = max(1, min(round((last - first) * e.step / segment), last - first)) if segment > 0.0 else 1
             edges = np.linspace(first, last, pieces + 1).round().astype(int)
-            found += [Trace(np.ascontiguousarray(u[a:b]), np.ascontiguousarray(y[a:b]), e.step, e.name,
-                            e.offset + a * e.step, e.number, u[first:a] if a > first else None,
+            found += [Trace(u[a - first:b - first], y[a - first:b - first], e.step, e.name,
+                            e.offset + a * e.step, e.number, u[:a - first] if a > first else None,
                             known if e.begins and a == e.segments[0][0] else {})
                       for a, b in pairwise(edges) if b - a >= 10]
     if not found:
-        raise NotEnoughData("a stretch of at least 10 samples", "none", "Record longer.")
+        raise NotEnoughData("a stretch of at least 10 samples", *(
+            ("none", "Record longer.") if segment == 0.0 else
+            (f"none: pieces of {segment:g} s, a sample every {min(e.step for e in experiments):g} s",
+             "Check the time stamps and their unit, or give a longer --segment.")))
     return tuple(found)
 
 

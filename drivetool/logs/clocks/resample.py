@@ -89,8 +89,9 @@ def onto_grid(clean: CleanSignals, log: str) -> GriddedSignals:
     """
     signals, time, findings = clean.signals, clean.time, []
     # A step is divided for the fastest input.
-    fastest = min((median_step(signals[role].time) for role in INPUTS if role in signals), default=np.inf)
-    grid, at = _divided_grid(time, max(1, round(median_step(time) / fastest)), log)
+    inputs = [signals[role].time for role in INPUTS if role in signals]
+    parts = max(1, round(median_step(time) / min(map(median_step, inputs), default=np.inf)))
+    grid, at = _divided_grid(time, parts, max(map(len, (time, *inputs))), log)
     placed: dict[str, np.ndarray] = {}
     slowed: dict[str, float] = {}
     converted = not grid.uniform
@@ -194,13 +195,16 @@ def leader_of(signals: Mapping[str, Signal]) -> str:
                key=lambda role: len(signals[role].time))
 
 
-def _divided_grid(time: np.ndarray, parts: int, log: str) -> tuple[Grid, np.ndarray]:
-    """(the grid through stamps (n,), each step in so many parts, with the place of each stamp; its times (m,))."""
+def _divided_grid(time: np.ndarray, parts: int, samples: int, log: str) -> tuple[Grid, np.ndarray]:
+    """(the grid through stamps (n,), each step in so many parts, with the place of each stamp; its times (m,)).
+
+    samples  of the signal with most of them, whose number bounds that of the times
+    """
     grid = fit_grid(time)
     step = grid.step / parts
     index = grid.index * parts if grid.uniform else np.round((time - grid.start) / step).astype(np.int64)
     count = int(index[-1]) + 1
-    _refuse_vast(count, len(time) * parts, log)
+    _refuse_vast(count, samples, log)
     at = np.interp(np.arange(count), index, time) if grid.uniform else grid.start + np.arange(count) * step
     return replace(grid, step=step, index=index), at
 
@@ -235,10 +239,10 @@ def _matching_grid_points(time: np.ndarray, at: np.ndarray, step: float) -> np.n
 
 
 def _refuse_vast(count: float, samples: int, log: str) -> None:
-    """A grid that is nearly all gap would only fill the memory."""
-    if count > 50 * samples + 1_000_000:
+    """A grid that is nearly all gap would only fill the memory: a step takes up to 500 bytes in a fit."""
+    if count > 50 * samples + 200_000:  # a choice: as much as a fit of few samples needs anyway
         raise BadRecording(f"one stretch of time in {log}", f"{samples} samples over {count:.0f} steps",
-                           "Cut the record into files, one per run.")
+                           "Cut the record into files, one per run, or check the time stamps.")
 
 
 def _values_on_grid(count: int, places: np.ndarray, values: np.ndarray, is_input: bool) -> np.ndarray:
