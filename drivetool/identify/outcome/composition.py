@@ -130,14 +130,14 @@ def _parameter_lines(before: Drive, own: Task, outcome: Outcome, options: Option
     known_too = replace(before, known_torques=after.known_torques)
     lines, covariance, findings = parameters_of(problem, outcome.solution, known_too, after, extra)
     own_sides = any(r.endswith("_torque") for r in outcome.task.roles.outputs)
-    more = [*inconsistent_with_prior(known, before, after, covariance, own_sides),
-            *contradicted_start_findings(after, outcome.task.roles, problem, outcome.solution.point,
-                                         outcome.fit and outcome.fit.noise,
-                                         problem.variance(outcome.solution.cost))]
     line, names = None, problem.names
     if explanation is not None:
         lines, covariance = with_total_uncertainty(lines, explanation, extra)
         line, names = explanation.line, own.free
+    more = [*inconsistent_with_prior(known, before, own.drive, covariance, own_sides),
+            *contradicted_start_findings(after, outcome.task.roles, problem, outcome.solution.point,
+                                         outcome.fit and outcome.fit.noise,
+                                         problem.variance(outcome.solution.cost))]
     repeats = repeatability_of([] if not_converged(outcome) else recording_estimates(outcome), line)
     lines, covariance, varies = with_scatter(lines, covariance, names, repeats, own.drive)
     more += varies
@@ -166,6 +166,7 @@ def inconsistent_with_prior(known: Covariance | None, before: Drive, after: Driv
     """Findings on estimates that are inconsistent with their prior from the step before.
 
     known, now  covariance of the given values, and of the estimates
+    after       the drive that is reported, without the laws of a default fit
     own_sides   whether a shaft torque identifies each body's friction by itself: then no other law biases it
     """
     if known is None or now is None:
@@ -185,14 +186,16 @@ def inconsistent_with_prior(known: Covariance | None, before: Drive, after: Driv
             off[was] = f"{was} is {value:.4g}, and was {before.values[was]:.4g} +- {std:.2g}", float(z)
     if not off:
         return []
+    behind = name_of(after.load, "coulomb")
+    example = (f"; for example, fit the friction of the {after.load} with --free {behind} --set {behind}=1"
+               if after.shafts else "")
     return [Finding(
         "warning", "inconsistent-with-prior",
         f"{'; '.join(text for text, _ in off.values())} in the parameter file. One of the two fits lacks an "
         "effect and is biased.",
         {name: z for name, (_, z) in off.items()},
-        "Run diagnose on both recordings; for example, fit the friction of the load with --free load.coulomb "
-        "--set load.coulomb=1. Friction and load may change between days: the values fitted here are valid for "
-        "this record.")]
+        f"Run diagnose on both recordings{example}. Friction and load may change between days: the values fitted "
+        "here are valid for this record.")]
 
 
 def starts_of(outcome: Outcome) -> StartsSection:
