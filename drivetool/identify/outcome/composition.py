@@ -29,7 +29,7 @@ from drivetool.identify.estimate import (
     sensitivity_to_held,
     without_intervals,
 )
-from drivetool.identify.fit import free_run, looks_coloured
+from drivetool.identify.fit import free_run, looks_coloured, whole_run_findings
 from drivetool.identify.identifiability import (
     lumped_on_last_body,
     only_ratios,
@@ -81,7 +81,7 @@ def compose(step: str, before: Drive, outcome: Outcome, options: Options, findin
     """
     task, own = outcome.task, outcome.fitted if explanation is None else explanation.own
     lines, covariance, sums, more = _parameter_lines(before, own, outcome, options, explanation)
-    _, _, runs = free_run(own, noise=outcome.fit.noise if outcome.fit else None)
+    _, begun, runs = free_run(own, noise=outcome.fit.noise if outcome.fit else None)
     traces = own.problem(free=()).traces
     figures = outcome_figures(outcome, traces, runs, explanation.figures if explanation else None)
     exact = explains_to_rounding(traces, runs)
@@ -90,6 +90,8 @@ def compose(step: str, before: Drive, outcome: Outcome, options: Options, findin
     if exact:
         role, unit = task.roles.outputs[0], task.experiments[0].unit(task.roles.outputs[0])
         last = [rounding_finding(f"the {role.replace('_', ' ')}", figures["rmse"], unit)]
+    elif not (explanation and explanation.torque_explains_nothing):
+        last += whole_run_findings(own, outcome, begun, figures["simulation_fit_percent"], options.seed, covariance)
     return estimate_from_outcome(
         step, own.drive, lines, covariance, outcome, fit=figures | dict(fit or {}), details=details or {},
         findings=(*findings, *more), last_findings=last, exhibits=record_plots(outcome, traces, runs),
@@ -330,8 +332,8 @@ def how_it_ended(outcome: Outcome) -> str:
 
 def noise_parameters(outcome: Outcome) -> tuple[dict[str, float], list[Finding]]:
     """Noise parameters in SI, and the findings on them."""
-    problem, solution, task = outcome.problem, outcome.solution, outcome.task
-    sigma = float(np.sqrt(problem.variance(solution.cost)))
+    problem, task = outcome.problem, outcome.task
+    sigma = outcome.sensor_std
     noise = {f"sensor_std.{role}": sigma * float(s) for role, s in zip(
         task.roles.outputs, problem.scale if outcome.fit is None else outcome.fit.noise.scale, strict=True)}
     findings = []

@@ -93,6 +93,11 @@ class Outcome:
         """The drive with the fitted values."""
         return self.fitted.drive
 
+    @property
+    def sensor_std(self) -> float:
+        """Standard deviation of the first sensor's noise."""
+        return float(np.sqrt(self.problem.variance(self.solution.cost)))
+
 
 def has_gap(task: Task) -> bool:
     """Whether a gap acts or is to be fitted."""
