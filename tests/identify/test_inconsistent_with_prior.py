@@ -43,7 +43,7 @@ def test_what_was_held_or_not_identified_is_not_compared():
 
 
 def test_the_value_stated_is_that_of_the_table_and_the_advice_one_the_drive_has():
-    """Drag of 0.02 Nm s^2/rad^2: a law of the default fit, beside which the drive alone has more viscous friction."""
+    """Drag of 0.02 Nm s^2/rad^2: a law of the default fit, beside which the drive has more friction."""
     motion = swing(3000)
     rng = np.random.default_rng(5)
     made = record(motion, more=0.02 * motion.mean_speed * np.abs(motion.mean_speed),

@@ -29,7 +29,7 @@ def rattling(seed, driven):
 @pytest.mark.parametrize("seed", [601, 605, 611, 613, 619, 620])
 @pytest.mark.parametrize("driven", [True, False])
 def test_torque_has_a_size_where_it_drives_a_rattling_drive(seed, driven):
-    """The information of one free run over the whole record is rounding alone: sensitivities reach 1e20 and more."""
+    """The information of a free run over the whole record is rounding: sensitivities reach 1e20 and more."""
     machine, record = rattling(seed, driven)
     free = ("motor.inertia", "load.inertia", "total.viscous", "shaft.stiffness", "shaft.damping", "shaft.half_gap")
     values = {n: v for n, v in truth(machine).items() if n in free}

@@ -54,7 +54,8 @@ def validate(experiments: Sequence[Experiment], models: Sequence[SimulatedModel]
             found = [None if exact else _correlation(run, m, experiment, drive, options.seed)
                      for m, exact in enumerate(rounded)]
             mine = [_check(name, file, experiment, run, m, c, options) for m, c in enumerate(found)]
-            low = low_fit_findings(run, mine[0], options, noise.get(f"sensor_std.{run.outputs[0]}", 0.0), covariance)
+            sensor_std = noise.get(f"sensor_std.{run.outputs[0]}", 0.0)
+            low = low_fit_findings(run, mine[0], options, sensor_std, covariance)
             mine[0] = mine[0].replace(passed=mine[0].passed and not low)
             checks += mine
             to_rounding += [check for check, exact in zip(mine, rounded, strict=True) if exact]

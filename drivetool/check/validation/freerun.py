@@ -89,7 +89,8 @@ def low_fit_findings(run: Replay, check: CheckSection, options: ValidateOptions,
     if options.min_fit is not None or not check.passed or not fit < MIN_EXPLAINED_FIT:
         return []
     agrees = run.known and not check.correlation_p < DEPENDENCE_SIGNIFICANCE
-    fits = _attainable_fits(replace(run, sigma=sensor_std), options.seed, UNEXPLAINED_RUN_DRAWS, known) if agrees else ()
+    stated = replace(run, sigma=sensor_std)
+    fits = _attainable_fits(stated, options.seed, UNEXPLAINED_RUN_DRAWS, known) if agrees else ()
     where = f"the {check.output.replace('_', ' ')} in {check.file} (model {check.model})"
     return unexplained_free_run(fit, fits, where)
 
