@@ -58,6 +58,13 @@ CODES = {
         "the drive has backlash. The simulation fit is within the range of simulations with other realisations of "
         "the noise.",
         "Assess the model by its residual, or by shorter free runs: `--segment 1`."),
+    "free-run-not-explained": Code(
+        WARNING,
+        "A free run has a lower fit than noise and the uncertainty of the parameters leave to a true model: less "
+        "than all of 100 simulations with other noise and other values. A fit reports it of a speed where a free "
+        "run over the whole record fits worse than the mean; `validate` of a fit below 50 %, which is then not "
+        "passed.",
+        "Run `diagnose`: the model lacks a law, or a load torque that was not logged acts."),
     "held-out-own-values": Code(
         NOTE,
         "With `--criterion inverse`, the held-out records have a parameter of their own (--record FILE free=NAME). "

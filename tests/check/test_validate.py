@@ -167,13 +167,40 @@ def test_a_model_that_explains_less_than_a_constant_fails_unless_requested(min_f
 
 
 def test_noise_across_a_gap_limits_the_free_run():
-    found = validated("rig", "gap_holdout", options=ValidateOptions(90.0))
+    found = validated("rig", "gap_holdout", options=ValidateOptions(90.0, segment=1000.0))
     assert codes(found) == {"limit-missed", "free-run-noise-limited"}
     assert not found.checks[0].passed and "limited by the torque noise" in found.verdict
     note, = (f for f in found.findings if f.code == "free-run-noise-limited")
     low, fit, middle = (note.evidence[k] for k in (
         "attainable_fit_low", "simulation_fit_percent", "attainable_fit_median"))
     assert low < fit < 60.0 and low < middle < 60.0
+
+
+@pytest.mark.parametrize("noise", [NOISE, {}])
+def test_across_a_gap_free_runs_are_as_long_as_a_true_model_follows(noise):
+    """Over the whole record the true model has a fit below 60 %, and a wrong one is caught as before."""
+    found = validated("rig", "gap_holdout", noise)
+    check, = found.checks
+    assert check.simulation_fit_percent > 95.0 and check.passed and check.free_run_length in (0.2, 1.0)
+    assert f"in free runs of {check.free_run_length:g} s, as long as noise across the gap allows" in found.verdict
+    assert found.verdict.startswith("Passed") and not codes(found)
+    assert not validated("rig", "gap_holdout", noise, shaft__stiffness=1.2).checks[0].passed
+
+
+@pytest.mark.parametrize("noise_factor, explained", [(0.0, False), (0.01, False), (1.0, True)])
+def test_a_low_fit_passes_only_if_noise_explains_it(noise_factor, explained):
+    """One body in a random walk by torque noise ten times the command; the file states a part of that noise."""
+    rng, n = np.random.default_rng(4), 4000
+    torque = np.sin(0.05 * np.arange(n))
+    speed = np.cumsum(torque + 10.0 * rng.standard_normal(n)) * STEP
+    noise = {"sensor_std.motor_speed": 1e-3, "torque_std": 10.0 * noise_factor} if noise_factor else {}
+    e = experiment(torque, motor_speed=speed + 1e-3 * rng.standard_normal(n))
+    drive = one_body().with_values({"motor.inertia": 1.0})
+    found = validate([e], [("m", drive, noise)], ValidateOptions())
+    check, = found.checks
+    assert 0.0 < check.simulation_fit_percent < 50.0
+    assert check.passed == explained == ("free-run-not-explained" not in codes(found))
+    assert found.verdict.startswith("Passed" if explained else "Not passed")
 
 
 @pytest.mark.slow

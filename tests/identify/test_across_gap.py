@@ -10,12 +10,12 @@ from drivetool.identify.laws import across_gap, law_selection
 from drivetool.identify.laws.across_gap import laws_reduce_free_run_error, optimum_confirmed, restart_from_free_runs
 from drivetool.identify.laws.candidates import CandidateSet
 from drivetool.identify.laws.explanation import parameter_uncertainty
-from drivetool.identify.laws.free_run_test import FREE_RUN_LENGTH, run_length
+from drivetool.identify.laws.free_run_test import FREE_RUN_LENGTH
 from drivetool.identify.laws.laws import Law
 from drivetool.identify.motion.linear import INFLUENCE_BLOCKS
 from drivetool.identify.problem.least_squares import solve
 from drivetool.identify.problem.problem import Normal, Point
-from drivetool.identify.setup.task import Outcome, Task
+from drivetool.identify.setup.task import Outcome, Task, run_length
 from tests.study.shared.command import greybox
 from tests.study.two_masses.estimators import NAMES, start_values
 from tests.study.two_masses.record import STEP, draw

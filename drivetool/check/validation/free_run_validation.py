@@ -5,10 +5,11 @@ from __future__ import annotations
 from collections.abc import Iterable, Mapping, Sequence
 
 import numpy as np
+from msgspec import UNSET
 
 from drivetool.check.validation import remarks
 from drivetool.check.validation.correlation import Correlation, correlate, whiteness
-from drivetool.check.validation.freerun import drift_findings, noise_limit_findings
+from drivetool.check.validation.freerun import drift_findings, low_fit_findings, noise_limit_findings
 from drivetool.check.validation.replay import Replay, replay, resonances, start_state_findings
 from drivetool.check.validation.result import ValidateOptions, Validation, named_pairs
 from drivetool.check.validation.sections import CheckSection
@@ -53,13 +54,16 @@ def validate(experiments: Sequence[Experiment], models: Sequence[SimulatedModel]
             found = [None if exact else _correlation(run, m, experiment, drive, options.seed)
                      for m, exact in enumerate(rounded)]
             mine = [_check(name, file, experiment, run, m, c, options) for m, c in enumerate(found)]
+            sensor_std = noise.get(f"sensor_std.{run.outputs[0]}", 0.0)
+            low = low_fit_findings(run, mine[0], options, sensor_std, covariance)
+            mine[0] = mine[0].replace(passed=mine[0].passed and not low)
             checks += mine
             to_rounding += [check for check, exact in zip(mine, rounded, strict=True) if exact]
             findings += start_state_findings(drive, run)
             findings += remarks.record_findings(experiment, experiments, hashes, mine[0])
-            findings += [] if options.segment else drift_findings(experiment, drive, run, mine[0])
+            findings += [] if run.segment else drift_findings(experiment, drive, run, mine[0])
             note = noise_limit_findings(run, mine[0], options.max_correlation, options.seed)
-            findings += note
+            findings += [*note, *low]
             limited += mine[:1] if note else []
             for m, (check, correlation) in enumerate(zip(mine, found, strict=True)):
                 findings += remarks.residual_findings(check, correlation, options, check in to_rounding)
@@ -96,12 +100,12 @@ def _check(name: str, file: str, experiment: Experiment, run: Replay, m: int,
         np.nan if correlation is None else 100.0 * correlation.outside,
         np.nan if correlation is None else correlation.p, whiteness(run.stretches(run.innovations[:, m])),
         _meets_min_fit(fit, options) and not largest > options.max_correlation,
-        *_from_measured(run, m, options))
+        *_from_measured(run, m), free_run_length=run.segment if run.segment > options.segment else UNSET)
 
 
-def _from_measured(run: Replay, m: int, options: ValidateOptions) -> tuple[float | None, float | None]:
+def _from_measured(run: Replay, m: int) -> tuple[float | None, float | None]:
     """(fit [%], rmse) of the free runs from the measured start; None for segments, which begin in any motion."""
-    if options.segment:
+    if run.segment:
         return None, None
     y, simulated = run.measured[:, m], run.from_measured[:, m]
     return fit_percent(y, simulated), float(np.sqrt(np.nanmean((y - simulated) ** 2)))
@@ -116,7 +120,7 @@ def _plots(experiment: Experiment, run: Replay, m: int, check: CheckSection,
               correlation: Correlation | None, options: ValidateOptions) -> list[PlotData]:
     """Measured and simulated, and the correlation with its bands."""
     label, which = check.output.replace("_", " "), f"{check.file}, model {check.model}"
-    runs = f"free runs of {options.segment:g} s" if options.segment else "free run"
+    runs = f"free runs of {run.segment:g} s" if run.segment else "free run"
     found = [record_picture(
         f"{which}: {runs}, fit {fit_text(check.simulation_fit_percent, '.1f')}", f"{label} [{check.unit}]",
         experiment.time[run.index], run.measured[:, m], run.simulated[:, m],

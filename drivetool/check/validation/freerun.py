@@ -7,15 +7,17 @@ from dataclasses import replace
 import numpy as np
 
 from drivetool.check.validation.correlation import DEPENDENCE_SIGNIFICANCE
-from drivetool.check.validation.replay import Replay, simulated
+from drivetool.check.validation.replay import FREE_RUN_DRAWS, MIN_ATTAINABLE_FIT, Replay
+from drivetool.check.validation.result import ValidateOptions
 from drivetool.check.validation.sections import CheckSection
 from drivetool.drive import Drive
 from drivetool.finding import Finding
-from drivetool.identify.estimate import fit_percent
-from drivetool.identify.noise import with_torque_noise
+from drivetool.identify.estimate import Covariance
+from drivetool.identify.fit import UNEXPLAINED_RUN_DRAWS, attainable_fits, unexplained_free_run
+from drivetool.identify.laws import MIN_EXPLAINED_FIT
+from drivetool.identify.setup import Roles
 from drivetool.logs import Experiment
 
-FREE_RUN_DRAWS = 20  # runs with other torque noise. A choice: their lowest fit is about the 5 % quantile
 # Standard deviations of the drift that noise causes: 6 false alarms in 100 000 normal ones.
 DRIFT_SIGNIFICANCE = 4.0
 
@@ -60,17 +62,11 @@ def noise_limit_findings(run: Replay, check: CheckSection, limit: float, seed: i
     """
     contradicted = check.correlation_p < DEPENDENCE_SIGNIFICANCE or check.max_correlation > limit
     noisy = run.known and run.noise.ratio * run.sigma > 0.0
-    if contradicted or not noisy or not check.simulation_fit_percent < 95.0:
+    if contradicted or not noisy or not check.simulation_fit_percent < MIN_ATTAINABLE_FIT:
         return []
-    rng, fits = np.random.default_rng(seed), []
-    clean = np.concatenate([r[:, 0] for r in simulated(run.problem, run.starts)])
-    for _ in range(FREE_RUN_DRAWS):
-        traces = tuple(with_torque_noise(
-            t, run.noise.over(run.problem.steps(t)), run.sigma, rng) for t in run.problem.traces)
-        other = np.concatenate([r[:, 0] for r in simulated(replace(run.problem, traces=traces), run.starts)])
-        fits.append(fit_percent(other + rng.normal(0.0, run.sigma, len(other)), clean))
+    fits = _attainable_fits(run, seed, FREE_RUN_DRAWS)
     low, middle, fit = float(np.min(fits)), float(np.median(fits)), check.simulation_fit_percent
-    if middle > 95.0 or fit < low:
+    if middle > MIN_ATTAINABLE_FIT or fit < low:
         return []
     return [Finding(
         "note", "free-run-noise-limited",
@@ -78,6 +74,31 @@ def noise_limit_findings(run: Replay, check: CheckSection, limit: float, seed: i
         f"about {middle:.0f} %, {low:.0f} % at worst; this model reaches {fit:.0f} %.",
         {"simulation_fit_percent": fit, "attainable_fit_median": middle, "attainable_fit_low": low},
         "Assess the model by its residual, or by shorter free runs: --segment 1.")]
+
+
+def low_fit_findings(run: Replay, check: CheckSection, options: ValidateOptions, sensor_std: float,
+                     known: Covariance | None) -> list[Finding]:
+    """A fit below a half for which neither the noise nor the uncertainty of the model is a reason.
+
+    Only noise that came with the model, and with which the residual agrees, counts: any other would excuse a wrong
+    model.
+
+    sensor_std  of the first output, as the model's file states it
+    """
+    fit = check.simulation_fit_percent
+    if options.min_fit is not None or not check.passed or not fit < MIN_EXPLAINED_FIT:
+        return []
+    agrees = run.known and not check.correlation_p < DEPENDENCE_SIGNIFICANCE
+    stated = replace(run, sigma=sensor_std)
+    fits = _attainable_fits(stated, options.seed, UNEXPLAINED_RUN_DRAWS, known) if agrees else ()
+    where = f"the {check.output.replace('_', ' ')} in {check.file} (model {check.model})"
+    return unexplained_free_run(fit, fits, where)
+
+
+def _attainable_fits(run: Replay, seed: int, draws: int, known: Covariance | None = None) -> np.ndarray:
+    roles = Roles(run.roles.inputs, run.roles.outputs[:1])
+    return attainable_fits(run.drive, roles, run.problem.traces, run.starts, run.noise, run.sigma, seed, draws,
+                           known)
 
 
 def _drift_torque_std(run: Replay, inertia: float, n: int, time: float) -> float:

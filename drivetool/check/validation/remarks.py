@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Collection, Sequence
 
 import numpy as np
+from msgspec import UNSET
 
 from drivetool.check.validation.correlation import DEPENDENCE_SIGNIFICANCE, Correlation
 from drivetool.check.validation.result import ValidateOptions
@@ -165,7 +166,9 @@ def _fit_text(check: CheckSection) -> str:
     if np.isnan(fit):
         return f"the simulation's fit of {where} is {fit_text(fit)}"
     share = fit_text(fit) if fit > 0.0 else f"nothing (fit {fit_text(fit)})"
-    return f"the simulation explains {share} of {where}"
+    runs = "" if check.free_run_length is UNSET else (
+        f" in free runs of {check.free_run_length:.2g} s, as long as noise across the gap allows,")
+    return f"the simulation explains {share} of {where}{runs}"
 
 
 def _output_text(check: CheckSection) -> str:

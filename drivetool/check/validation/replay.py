@@ -13,7 +13,7 @@ from drivetool.drive.simulation import Filtered, Trace
 from drivetool.errors import BadOption
 from drivetool.finding import Finding
 from drivetool.identify.estimate import Covariance
-from drivetool.identify.fit import segment_states, smoothed_starts
+from drivetool.identify.fit import attainable_fits, segment_states, smoothed_starts
 from drivetool.identify.noise import Noise, filtered, fit_ratio, minus_log_likelihood, with_disturbance_state
 from drivetool.identify.problem import Point, Problem, solve
 from drivetool.identify.setup import (
@@ -22,10 +22,12 @@ from drivetool.identify.setup import (
     Task,
     contradicted_start_findings,
     first_states,
+    has_gap,
     known_states,
     measured_states,
     problem_of,
     roles_of,
+    run_length,
     traces_of,
 )
 from drivetool.logs import Experiment
@@ -33,6 +35,9 @@ from drivetool.quantity import owner_of, quantity_of
 
 # Gauss-Newton steps of the parameters, each with the noise re-estimated. A choice: the second one refines.
 MAX_REGION_STEPS = 2
+FREE_RUN_DRAWS = 20  # runs with other torque noise. A choice: their lowest fit is about the 5 % quantile
+MIN_ATTAINABLE_FIT = 95.0  # [%] a true model with less does not follow its own motion
+FREE_RUN_LENGTH = 1.0  # s across a gap, if a true model follows that far, and not a whole stretch
 MIN_SEGMENT_SAMPLES = 20  # samples of a segment: far more than the start states that are fitted to them
 
 
@@ -40,6 +45,7 @@ MIN_SEGMENT_SAMPLES = 20  # samples of a segment: far more than the start states
 class Replay:
     """A model run over a record; arrays of all stretches in a row.
 
+    drive        of the model; segment: length [s] of the free runs, 0: whole stretches
     roles        of inputs and outputs; the start states were fitted to the first output
     index        (n,) samples of the record; ends: where each stretch ends in it
     inputs       (n, nu); measured, simulated, predicted: (n, ny), NaN where unmeasured
@@ -50,6 +56,8 @@ class Replay:
     pieces       traces of the free runs with the start states, and the problem they belong to
     """
 
+    drive: Drive
+    segment: float
     roles: Roles
     index: np.ndarray
     ends: tuple[int, ...]
@@ -84,7 +92,7 @@ def replay(experiment: Experiment, drive: Drive, noise: Mapping[str, float], seg
     drive       all inertias and stiffnesses must have a value
     noise       of the parameter file: sensor_std.<role>, torque_std, torque_correlation_time, torque_slow_share;
                 where they are missing the ratio is estimated on the record
-    segment     length of the free runs [s]; 0: whole stretches
+    segment     length of the free runs [s]; 0: whole stretches, across a gap as far as a true model follows
     start       what is known of the state in which the record begins
     known       covariance of the parameters by their fit: the likeliest values and noise in its confidence region
                 are tested; None: the model is taken as exact. Free runs are those of the drive as it is
@@ -100,6 +108,7 @@ def replay(experiment: Experiment, drive: Drive, noise: Mapping[str, float], seg
     first = Roles(every.inputs, every.outputs[:1])
     known_start = known_states(start or KnownStart(), drive, (), every)
     task = Task(drive, (), first, (experiment,), known_start)
+    segment = segment or _followed_length(task, noise, known)
     pieces, problem = traces_of([experiment], every, segment, known_start), task.problem(segment)
     starts = start_states(task, problem)
     model = problem_of(drive, (), every, pieces)
@@ -114,11 +123,34 @@ def replay(experiment: Experiment, drive: Drive, noise: Mapping[str, float], seg
     z = innovations / np.sqrt(np.concatenate([p.variance for p in passes]))
     measured = np.concatenate([t.outputs for t in whole])
     return Replay(
-        every, np.concatenate([np.arange(a, b) for a, b in experiment.segments if b - a >= 10]),
+        drive, segment, every, np.concatenate([np.arange(a, b) for a, b in experiment.segments if b - a >= 10]),
         tuple(ends.tolist()), np.concatenate([t.inputs for t in whole]), measured,
         runs + offsets, measured_runs + measured_offsets,
         measured - innovations, z, model_noise, float(np.sqrt(np.nanmean(z[:, 0] ** 2))),
         _noise_of_file(first, noise, problem) is not None, problem, starts)
+
+
+def _followed_length(task: Task, noise: Mapping[str, float], known: Covariance | None) -> float:
+    """Length [s] of the free runs of a true model that its noise and its uncertainty allow; 0: whole stretches.
+
+    A little noise decides when a gap closes, from where on a free run leaves the record. Without a gap it does not.
+    """
+    if not has_gap(task):
+        return 0.0
+    whole = task.problem()
+    found, sigma = _noise_of_file(task.roles, noise, whole), noise.get(f"sensor_std.{task.roles.outputs[0]}", 0.0)
+    if found is None:
+        point = Point(np.empty(0), first_states(task.drive, task.roles, whole.traces))
+        found = fit_ratio(whole, point, Noise(1.0, None, whole.scale))
+        sigma = float(np.sqrt(np.nanmean(np.concatenate(
+            [f.innovations[:, 0] ** 2 / f.variance[:, 0] for f in filtered(whole, point, found, keep=False)]))))
+    for length in (0.0, FREE_RUN_LENGTH):
+        traces = task.traces(length)
+        fits = attainable_fits(task.drive, task.roles, traces, segment_states(task, traces), found, sigma, 1,
+                               FREE_RUN_DRAWS, known)
+        if np.median(fits) > MIN_ATTAINABLE_FIT:
+            return length
+    return run_length(task, np.inf)
 
 
 def start_state_findings(drive: Drive, run: Replay) -> list[Finding]:

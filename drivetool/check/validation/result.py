@@ -20,7 +20,8 @@ class ValidateOptions:
 
     min_fit          least simulation fit [%]; None: what a constant explains, which is nothing
     max_correlation  largest |cross-correlation| of residual and input that passes
-    segment          length [s] of the free runs; 0: one per uninterrupted stretch of record
+    segment          length [s] of the free runs; 0: one per uninterrupted stretch of record, or, across a gap, as
+                     long as a true model follows
     seed             of the draws behind p-values and behind the fit attainable under noise
     start            what is known of the state in which every recording begins
     criterion        simulation of the motion; inverse: the required torque; coast-down: the motion of coast-downs

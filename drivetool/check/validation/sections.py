@@ -36,6 +36,8 @@ class CheckSection(Shape):
     measured_start_rmse: Annotated[Number, Meta(description="of that free run, in unit")] = None
     rmse_percent: Annotated[Number, Meta(
         description="by inverse dynamics: rmse over the root mean square of the torque")] = None
+    free_run_length: Annotated[float | UnsetType, Meta(
+        description="of a drive with backlash: length in s of the free runs that its noise allows")] = UNSET
     rmse_counts: Annotated[float | UnsetType, Meta(
         description="of an angle by counts: rmse over count/sqrt(12); 1 is what counts alone leave")] = UNSET
     nrmse_mean: Annotated[float | UnsetType, Meta(

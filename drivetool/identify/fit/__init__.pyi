@@ -1,3 +1,9 @@
+from .attainable_fit import (
+    UNEXPLAINED_RUN_DRAWS as UNEXPLAINED_RUN_DRAWS,
+    attainable_fits as attainable_fits,
+    unexplained_free_run as unexplained_free_run,
+    whole_run_findings as whole_run_findings,
+)
 from .engine import (
     MIN_COLOUR_GAIN as MIN_COLOUR_GAIN,
     by_innovations as by_innovations,

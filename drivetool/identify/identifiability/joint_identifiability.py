@@ -10,9 +10,10 @@ import numpy as np
 from drivetool.drive import TOTALS, Drive, is_constant
 from drivetool.finding import Finding
 from drivetool.identify.estimate import MAX_INFLATION, Parameter, covariance_of, sensitivity_to_held
+from drivetool.identify.fit import segment_states
 from drivetool.identify.noise import filtered_normal_equations
 from drivetool.identify.problem import Point, Solution, schur
-from drivetool.identify.setup import Outcome, Task, problem_of
+from drivetool.identify.setup import Outcome, Task, has_gap, problem_of, run_length
 from drivetool.quantity import name_of, names_of, owner_of, parse_name, quantity_of
 
 CONSTANT_TORQUES = ("idle_torque", "coulomb")  # in one direction of motion
@@ -45,8 +46,13 @@ def only_ratios(outcome: Outcome) -> bool:
             if v and n not in problem.names and _scales_with_torque(n, drive) and not is_constant(n)]
     if held or not torques.any():
         return False
-    # By free runs: frozen gains turn a torque noise of absolute size into information on the scale.
-    normal = replace(problem, memory=None).normal(point)
+    # By free runs: frozen gains turn a torque noise of absolute size into information on the scale. Across a gap a
+    # long one does not follow the record, and its error would hide what the torque does.
+    problem = replace(problem, memory=None)
+    if has_gap(outcome.task):
+        problem = outcome.fitted.problem(run_length(outcome.task, np.inf), problem.names)
+        point = replace(point, starts=segment_states(outcome.fitted, problem.traces))
+    normal = problem.normal(point)
     matrix, _, _ = schur(normal)
     scale = np.where(torques, point.values, 0.0)
     variance = problem.variance(normal.cost)

@@ -1,4 +1,5 @@
 from .explanation import (
+    MIN_EXPLAINED_FIT as MIN_EXPLAINED_FIT,
     Explanation as Explanation,
     default_fit as default_fit,
     with_total_uncertainty as with_total_uncertainty,

@@ -15,7 +15,7 @@ from drivetool.identify.fit import by_innovations, by_simulation, refit, with_co
 from drivetool.identify.identifiability import only_ratios
 from drivetool.identify.laws.across_gap import laws_reduce_free_run_error, optimum_confirmed, restart_from_free_runs
 from drivetool.identify.laws.fit_with_laws import fit_with_selected_laws, likelier_of_regression_start, near
-from drivetool.identify.laws.free_run_test import MIN_MEANS_PER_RUN, FreeRunTest, run_length
+from drivetool.identify.laws.free_run_test import MIN_MEANS_PER_RUN, FreeRunTest
 from drivetool.identify.laws.influence import influence_of, scores_of
 from drivetool.identify.laws.law_selection import with_laws
 from drivetool.identify.laws.laws import Law, law_library, measurement_noise_law, places_of
@@ -24,7 +24,7 @@ from drivetool.identify.laws.regression import Regression, is_regressable, regre
 from drivetool.identify.laws.transmission import NAME as TRANSMISSION_LAW, transmission_law
 from drivetool.identify.motion import Motions, motions_of, motions_through
 from drivetool.identify.noise import expected_recording_noise, filtered
-from drivetool.identify.setup import Outcome, Task, has_gap, reverses
+from drivetool.identify.setup import Outcome, Task, has_gap, reverses, run_length
 from drivetool.logs import true_runs
 from drivetool.quantity import name_of, quantity_of
 

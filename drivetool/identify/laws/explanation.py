@@ -21,7 +21,6 @@ from drivetool.identify.laws.candidates import (
     candidates_of,
     why_single_candidate,
 )
-from drivetool.identify.laws.free_run_test import run_length
 from drivetool.identify.laws.held_out import held_out_errors
 from drivetool.identify.laws.influence import FEW_BLOCKS_FACTOR, sandwich_covariance, with_standard_deviations
 from drivetool.identify.laws.laws import (
@@ -35,7 +34,7 @@ from drivetool.identify.laws.projected_parameters import projected_within_bounds
 from drivetool.identify.motion import NOISE_SHARE
 from drivetool.identify.noise import Fit, filtered, fit_ratio, minus_log_likelihood
 from drivetool.identify.problem import solve
-from drivetool.identify.setup import Options, Outcome, Task, first_point, has_gap
+from drivetool.identify.setup import Options, Outcome, Task, first_point, has_gap, run_length
 from drivetool.quantity import quantity_of
 
 # From the most efficient estimator, where its noise model is right, to the most robust.

@@ -12,7 +12,7 @@ from drivetool.identify.fit import free_run
 from drivetool.identify.motion import SIGN_SIGNIFICANCE, Motions, Smoothing
 from drivetool.identify.noise import Noise, filtered
 from drivetool.identify.problem import Point, solve
-from drivetool.identify.setup import Task, first_point, has_gap, white_std
+from drivetool.identify.setup import Task, first_point, has_gap, run_length, white_std
 
 FREE_RUN_LENGTH = 1.0  # s at least: errors of friction over half a second show, and the start state is forgotten
 # Error of straight lines over the std of the speed, from which runs are long enough. A choice: where less is left,
@@ -20,15 +20,6 @@ FREE_RUN_LENGTH = 1.0  # s at least: errors of friction over half a second show,
 MIN_STRAIGHT_LINE_SHARE = 0.1
 # Means of a run, at least: fewer only give its constant and slope, which are fitted to each run.
 MIN_MEANS_PER_RUN = 4
-# [s] across a gap: start errors grow a hundredfold in a second, and not yet within this time.
-FREE_RUN_LENGTH_ACROSS_GAP = 0.2
-MIN_RUN_SAMPLES = 20  # samples of a run: twice the least of a stretch
-
-
-def run_length(task: Task, length: float) -> float:
-    """Length [s] of the free runs of a recording: as given, shorter across a gap, more at a low sampling rate."""
-    return max(min(length, FREE_RUN_LENGTH_ACROSS_GAP) if has_gap(task) else length,
-               MIN_RUN_SAMPLES * max(e.step for e in task.experiments))
 
 
 @dataclass(frozen=True)

@@ -29,7 +29,7 @@ from drivetool.identify.estimate import (
     sensitivity_to_held,
     without_intervals,
 )
-from drivetool.identify.fit import free_run, looks_coloured
+from drivetool.identify.fit import free_run, looks_coloured, whole_run_findings
 from drivetool.identify.identifiability import (
     lumped_on_last_body,
     only_ratios,
@@ -81,7 +81,7 @@ def compose(step: str, before: Drive, outcome: Outcome, options: Options, findin
     """
     task, own = outcome.task, outcome.fitted if explanation is None else explanation.own
     lines, covariance, sums, more = _parameter_lines(before, own, outcome, options, explanation)
-    _, _, runs = free_run(own, noise=outcome.fit.noise if outcome.fit else None)
+    _, begun, runs = free_run(own, noise=outcome.fit.noise if outcome.fit else None)
     traces = own.problem(free=()).traces
     figures = outcome_figures(outcome, traces, runs, explanation.figures if explanation else None)
     exact = explains_to_rounding(traces, runs)
@@ -90,6 +90,8 @@ def compose(step: str, before: Drive, outcome: Outcome, options: Options, findin
     if exact:
         role, unit = task.roles.outputs[0], task.experiments[0].unit(task.roles.outputs[0])
         last = [rounding_finding(f"the {role.replace('_', ' ')}", figures["rmse"], unit)]
+    elif not (explanation and explanation.torque_explains_nothing):
+        last += whole_run_findings(own, outcome, begun, figures["simulation_fit_percent"], options.seed, covariance)
     return estimate_from_outcome(
         step, own.drive, lines, covariance, outcome, fit=figures | dict(fit or {}), details=details or {},
         findings=(*findings, *more), last_findings=last, exhibits=record_plots(outcome, traces, runs),
@@ -130,14 +132,14 @@ def _parameter_lines(before: Drive, own: Task, outcome: Outcome, options: Option
     known_too = replace(before, known_torques=after.known_torques)
     lines, covariance, findings = parameters_of(problem, outcome.solution, known_too, after, extra)
     own_sides = any(r.endswith("_torque") for r in outcome.task.roles.outputs)
-    more = [*inconsistent_with_prior(known, before, after, covariance, own_sides),
-            *contradicted_start_findings(after, outcome.task.roles, problem, outcome.solution.point,
-                                         outcome.fit and outcome.fit.noise,
-                                         problem.variance(outcome.solution.cost))]
     line, names = None, problem.names
     if explanation is not None:
         lines, covariance = with_total_uncertainty(lines, explanation, extra)
         line, names = explanation.line, own.free
+    more = [*inconsistent_with_prior(known, before, own.drive, covariance, own_sides),
+            *contradicted_start_findings(after, outcome.task.roles, problem, outcome.solution.point,
+                                         outcome.fit and outcome.fit.noise,
+                                         problem.variance(outcome.solution.cost))]
     repeats = repeatability_of([] if not_converged(outcome) else recording_estimates(outcome), line)
     lines, covariance, varies = with_scatter(lines, covariance, names, repeats, own.drive)
     more += varies
@@ -167,6 +169,7 @@ def inconsistent_with_prior(known: Covariance | None, before: Drive, after: Driv
     """Findings on estimates that are inconsistent with their prior from the step before.
 
     known, now  covariance of the given values, and of the estimates
+    after       the drive that is reported, without the laws of a default fit
     own_sides   whether a shaft torque identifies each body's friction by itself: then no other law biases it
     """
     if known is None or now is None:
@@ -186,14 +189,16 @@ def inconsistent_with_prior(known: Covariance | None, before: Drive, after: Driv
             off[was] = f"{was} is {value:.4g}, and was {before.values[was]:.4g} +- {std:.2g}", float(z)
     if not off:
         return []
+    behind = name_of(after.load, "coulomb")
+    example = (f"; for example, fit the friction of the {after.load} with --free {behind} --set {behind}=1"
+               if after.shafts else "")
     return [Finding(
         "warning", "inconsistent-with-prior",
         f"{'; '.join(text for text, _ in off.values())} in the parameter file. One of the two fits lacks an "
         "effect and is biased.",
         {name: z for name, (_, z) in off.items()},
-        "Run diagnose on both recordings; for example, fit the friction of the load with --free load.coulomb "
-        "--set load.coulomb=1. Friction and load may change between days: the values fitted here are valid for "
-        "this record.")]
+        f"Run diagnose on both recordings{example}. Friction and load may change between days: the values fitted "
+        "here are valid for this record.")]
 
 
 def starts_of(outcome: Outcome) -> StartsSection:
@@ -328,8 +333,8 @@ def how_it_ended(outcome: Outcome) -> str:
 
 def noise_parameters(outcome: Outcome) -> tuple[dict[str, float], list[Finding]]:
     """Noise parameters in SI, and the findings on them."""
-    problem, solution, task = outcome.problem, outcome.solution, outcome.task
-    sigma = float(np.sqrt(problem.variance(solution.cost)))
+    problem, task = outcome.problem, outcome.task
+    sigma = outcome.sensor_std
     noise = {f"sensor_std.{role}": sigma * float(s) for role, s in zip(
         task.roles.outputs, problem.scale if outcome.fit is None else outcome.fit.noise.scale, strict=True)}
     findings = []

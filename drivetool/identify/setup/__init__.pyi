@@ -41,7 +41,7 @@ from .supply import (
     fed_by_voltages as fed_by_voltages,
     supply_of as supply_of,
 )
-from .task import Outcome as Outcome, Task as Task, has_gap as has_gap
+from .task import Outcome as Outcome, Task as Task, has_gap as has_gap, run_length as run_length
 from .torque_constant import (
     as_torques as as_torques,
     as_torques_for_models as as_torques_for_models,

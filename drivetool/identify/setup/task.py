@@ -15,6 +15,10 @@ from drivetool.identify.setup.setup import Roles, linear_problem_of, problem_of,
 from drivetool.logs import Experiment
 from drivetool.quantity import quantity_of
 
+# [s] across a gap: start errors grow a hundredfold in a second, and not yet within this time.
+FREE_RUN_LENGTH_ACROSS_GAP = 0.2
+MIN_RUN_SAMPLES = 20  # samples of a run: twice the least of a stretch
+
 
 @dataclass(frozen=True)
 class Task:
@@ -89,8 +93,19 @@ class Outcome:
         """The drive with the fitted values."""
         return self.fitted.drive
 
+    @property
+    def sensor_std(self) -> float:
+        """Standard deviation of the first sensor's noise."""
+        return float(np.sqrt(self.problem.variance(self.solution.cost)))
+
 
 def has_gap(task: Task) -> bool:
     """Whether a gap acts or is to be fitted."""
     return any(quantity_of(n) == "half_gap" and (n in task.free or (task.drive.value(n) or 0.0) > 0.0)
                for n in task.drive.quantities)
+
+
+def run_length(task: Task, length: float) -> float:
+    """Length [s] of the free runs of a recording: as given, shorter across a gap, more at a low sampling rate."""
+    return max(min(length, FREE_RUN_LENGTH_ACROSS_GAP) if has_gap(task) else length,
+               MIN_RUN_SAMPLES * max(e.step for e in task.experiments))
