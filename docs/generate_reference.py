@@ -61,10 +61,10 @@ SEEN = {
         "gap-ambiguous gap-law gap-left-out gap-may-open gap-not-crossed gap-not-opened gap-not-significant "
         "gap-refit gap-unbounded low-inertia-ratio",
     "The model lacks something, or a stated value is wrong":
-        "explains-nothing free-run-noise-limited held-value-rejected inconsistent-with-prior "
-        "innovations-correlated mass-left-out model-error narrow-band-disturbance nonlinear-friction "
-        "residual-depends-on-input residual-not-testable response-not-explained scatter-beyond-noise "
-        "simulation-drifts",
+        "explains-nothing free-run-noise-limited free-run-not-explained held-value-rejected "
+        "inconsistent-with-prior innovations-correlated mass-left-out model-error narrow-band-disturbance "
+        "nonlinear-friction residual-depends-on-input residual-not-testable response-not-explained "
+        "scatter-beyond-noise simulation-drifts",
     "Coast-downs":
         "coast-down-assumed coast-down-not-explained staged-fit",
     "Frequency responses and black-box models":

@@ -227,13 +227,13 @@ def test_same_input_same_numbers():
 
 
 @pytest.mark.parametrize(("options", "error", "words"), [
-    (Options(free=("motor.inertai",)), BadParameters, "motor.inertia"),
-    (Options(hold=("motor.inertia",), free=("motor.inertia",)), BadOption, "both"),
-    (Options(free=("converter.bandwidth",)), BadOption, "finite start value"),
+    ({"free": ("motor.inertai",)}, BadParameters, "motor.inertia"),
+    ({"hold": ("motor.inertia",), "free": ("motor.inertia",)}, BadOption, "both"),
+    ({"free": ("converter.bandwidth",)}, BadOption, "finite start value"),
 ])
 def test_options_that_cannot_be(options, error, words):
     with pytest.raises(error, match=words):
-        greybox([linear_record(MACHINE, 51, 3.0)], start(), options)
+        greybox([linear_record(MACHINE, 51, 3.0)], start(), Options(**options))
 
 
 @pytest.mark.slow

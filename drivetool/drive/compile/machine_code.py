@@ -88,7 +88,7 @@ def _compile(parts: Sequence[str]) -> Iterator[str]:
                 last = line or last
     if any(compiler.returncode for compiler in compilers):
         raise DriveToolError(f"the kernel, compiled in {folder()}", last,
-                             "Install drivetool and its requirements again; is there room on the disk?")
+                             "Install drivetool's requirements again; is there room on the disk?")
 
 
 @contextmanager

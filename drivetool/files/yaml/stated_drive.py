@@ -48,7 +48,7 @@ class StatedDrive:
         names = [n for n in self.unidentified if n in used]
         return (Finding(
             "warning" if warn and not self.acting.keys().isdisjoint(names) else "note", "unidentified-value",
-            f"No recording identifies {', '.join(names)} separately: the parameter files state where a fit "
+            f"No recording identifies {', '.join(names)}: the parameter files state where a fit "
             "started, or a sum in one of its parts.",
             {n: self.start.values[n] for n in names},
             "Record what identifies it, or state a value that is known: with --set, or in the file without a "

@@ -55,8 +55,8 @@ NO_EXPLANATION_RATIO = 0.85
 NO_EXPLANATION_RATIO_HELD_OUT = 0.55
 # Of the error of straight lines, a choice: up to it the torque explains the record and no part is held out.
 CLEAR_EXPLANATION_RATIO = 0.1
-# Fit [%] of a free run over the whole record from which the torque explains the motion, however short runs end. A
-# choice: a constant speed fits 0 %, another axis' torque in none of 23 simulated joints more.
+# Fit [%] of a free run over the whole record, beyond a straight line, from which the torque explains the motion. A
+# choice: a straight line, which a constant torque gives by itself, fits 0 %.
 MIN_EXPLAINED_FIT = 50.0
 # Effective blocks whose scatter estimates an error: the t quantile of 95 % is 4.3 for three, and 12.7 for two.
 MIN_EFFECTIVE_BLOCKS = 3.0
@@ -189,7 +189,7 @@ def choose_explanation(field: CandidateSet) -> Explanation | None:
                            f"runs there is {error / straight:.2f} times that of a constant acceleration.")
         elif _inertia_at_lower_bound(own):
             why_nothing = "The estimated inertia is at its lower bound, and the fit is poor."
-    if max(figures.values()) >= MIN_EXPLAINED_FIT:
+    if why_nothing and _fit_beyond_line(field, figures["speed_fit_percent"]) >= MIN_EXPLAINED_FIT:
         why_nothing = ""
     if why_nothing:
         findings = (*findings, _explains_nothing_finding(why_nothing, error, straight))
@@ -202,6 +202,17 @@ def _free_run_error(field: CandidateSet, c: Candidate) -> float:
     """Error of its free runs; infinite for a candidate whose sensitivities diverge."""
     error = field.judge.error(c.task) if np.isfinite(c.influence).all() and np.isfinite(c.own).all() else np.inf
     return float(error) if np.isfinite(error) else np.inf
+
+
+def _fit_beyond_line(field: CandidateSet, fit: float) -> float:
+    """Fit [%] of a free run over the whole record, in place of a constant speed's beyond that of a straight line.
+
+    fit  of the drive without laws, which may explain any motion
+    """
+    task = field.task
+    line = field.judge.straight_line_error(task, max(t.size * t.step for t in task.traces()))
+    spread = float(np.nanstd(field.seen[task.drive.bodies[0]].all("speed")))
+    return 100.0 - (100.0 - fit) * spread / line if line > 0.0 else 0.0
 
 
 def _explains_nothing_finding(why: str, error: float, straight: float) -> Finding:
