@@ -205,10 +205,7 @@ def _free_run_error(field: CandidateSet, c: Candidate) -> float:
 
 
 def _fit_beyond_line(field: CandidateSet, fit: float) -> float:
-    """Fit [%] of a free run over the whole record, in place of a constant speed's beyond that of a straight line.
-
-    fit  of the drive without laws, which may explain any motion
-    """
+    """Fit [%] of a free run of the whole record beyond a straight line; fit: beyond a constant, without laws."""
     task = field.task
     line = field.judge.straight_line_error(task, max(t.size * t.step for t in task.traces()))
     spread = float(np.nanstd(field.seen[task.drive.bodies[0]].all("speed")))
