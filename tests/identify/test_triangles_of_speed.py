@@ -59,9 +59,8 @@ def test_the_inertia_of_a_servo_is_found():
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("share", [0.0, 0.025])
-def test_the_intervals_of_four_hold(share):
-    assert min(counts(share, range(4)).values()) >= 3
+def test_the_intervals_of_four_hold():
+    assert min(counts(0.025, range(4)).values()) >= 3
 
 
 @pytest.mark.study
