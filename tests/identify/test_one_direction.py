@@ -65,3 +65,12 @@ def test_a_start_inertia_is_found_and_not_doubted():
     found = greybox([made.record], one_body(), Options())
     assert holds(found.line("motor.inertia"), made.machine.inertia[0])
     assert "suspect-unit" not in {f.code for f in found.findings}
+
+
+@pytest.mark.parametrize("seed", [9, 10])
+def test_the_torque_that_the_motion_requires_tells_the_sum_alone_too(seed):
+    """One record turns backward, with an idle torque."""
+    made, found = fitted(seed, criterion="inverse")
+    assert all(p.ci95 is None for p in found.parameters if p.name in CONSTANT)
+    (total,) = found.ratios
+    assert abs(total.value - made.total) < 3.0 * total.std < 0.1 * made.total

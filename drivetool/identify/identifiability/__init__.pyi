@@ -1,7 +1,9 @@
 from .held_value_test import contradicted_held_values as contradicted_held_values
 from .joint_identifiability import (
+    Freed as Freed,
     lumped_on_last_body as lumped_on_last_body,
     only_ratios as only_ratios,
+    with_sums_of_constant_torques as with_sums_of_constant_torques,
     without_joint_intervals as without_joint_intervals,
     without_torque_intervals as without_torque_intervals,
 )

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -17,6 +17,9 @@ from drivetool.identify.setup import Outcome, Task, has_gap, problem_of, run_len
 from drivetool.quantity import name_of, names_of, owner_of, parse_name, quantity_of
 
 CONSTANT_TORQUES = ("idle_torque", "coulomb")  # in one direction of motion
+# Fitted names; (k, m) how these move with each of m further values; (m,) std of a further value if it were free,
+# infinite where the fitted ones imitate it.
+Freed = tuple[tuple[str, ...], np.ndarray, np.ndarray]
 
 # Relative rounding of a quadratic form whose terms cancel. A choice: far above eps times the number of terms, far
 # below the smallest information that a record has.
@@ -31,8 +34,9 @@ def without_joint_intervals(lines: Sequence[Parameter], outcome: Outcome, own: T
     own    the drive without laws, at the estimate
     known  names whose values are stated: the intervals contain their uncertainty, if they have one
     """
-    lines, sums = _with_sums_of_constant_torques(lines, outcome, own, known)
-    return tuple(_lumped_friction_line(p, own) for p in lines), sums, _sum_findings(sums)
+    lines, sums, findings = with_sums_of_constant_torques(lines, own.drive, own.free, known,
+                                                          lambda further: _if_freed(outcome, further))
+    return tuple(_lumped_friction_line(p, own) for p in lines), sums, findings
 
 
 def only_ratios(outcome: Outcome) -> bool:
@@ -78,32 +82,37 @@ def without_torque_intervals(lines: Sequence[Parameter], outcome: Outcome) -> tu
         next((p.name for p in lines if {p.name} == torques), None))
 
 
-def _with_sums_of_constant_torques(lines: Sequence[Parameter], outcome: Outcome, own: Task, known: Sequence[str],
-                                   ) -> tuple[tuple[Parameter, ...], tuple[Parameter, ...]]:
+def with_sums_of_constant_torques(lines: Sequence[Parameter], drive: Drive, free: Sequence[str],
+                                  known: Sequence[str], if_freed: Callable[[tuple[str, ...]], Freed],
+                                  ) -> tuple[tuple[Parameter, ...], tuple[Parameter, ...], list[Finding]]:
     """Idle torque and Coulomb friction of a body, of which one is fitted: as their sum, where it tells no more.
 
     The other is freed in thought: if its interval were wider than the sum, the record identifies the sum alone.
+
+    drive     at the estimate; free: its fitted parameters; known: those whose values are stated
+    if_freed  what a fit says of further parameters
+    returns   (lines, a line for each sum, the finding that names them)
     """
-    partners = {n: _other_constant_torque(n, own.drive) for n in own.free if quantity_of(n) in CONSTANT_TORQUES}
-    partners = {n: other for n, other in partners.items() if other not in (*own.free, *known)}
+    partners = {n: _other_constant_torque(n, drive) for n in free if quantity_of(n) in CONSTANT_TORQUES}
+    partners = {n: other for n, other in partners.items() if other not in (*free, *known)}
     if not partners:
-        return tuple(lines), ()
+        return tuple(lines), (), []
     further = tuple(dict.fromkeys(partners.values()))
-    names, moved, stds = _if_freed(outcome, further)
+    names, moved, stds = if_freed(further)
     changed, sums = {}, []
     for p in lines:
         other = partners.get(p.name)
         if other is None or p.std is None or stds[further.index(other)] < abs(p.value):
             continue
         sign = "-" if moved[names.index(p.name), further.index(other)] > 0.0 else "+"
-        value = own.drive.value(other) or 0.0
+        value = drive.value(other) or 0.0
         total = p.replace(name=f"{p.name} {sign} {other}", value=p.value + float(f"{sign}1") * value, start=None)
         # Of a friction on its bound: the sum may lie beyond.
         sums.append(total.with_interval(p.std) if p.ci95 is None or p.status == "fitted" else total)
         reason = f"the drive turns one way, which identifies only {_stated(total)}"
         changed |= {name: reason for name in (p.name, other)}
     return tuple(p.without_interval(changed[p.name], "not-identifiable") if p.name in changed else p
-                 for p in lines), tuple(sums)
+                 for p in lines), tuple(sums), _sum_findings(sums)
 
 
 def _stated(total: Parameter) -> str:
@@ -127,11 +136,8 @@ def _other_constant_torque(name: str, drive: Drive) -> str:
         owner, "idle_torque")
 
 
-def _if_freed(outcome: Outcome, further: Sequence[str]) -> tuple[tuple[str, ...], np.ndarray, np.ndarray]:
-    """(fitted names, (k, m) how they move with each of m further values, (m,) std of these if they were free).
-
-    Infinite where the fitted ones imitate a further value.
-    """
+def _if_freed(outcome: Outcome, further: Sequence[str]) -> Freed:
+    """Of further values, by an outcome of the engine."""
     problem, k = outcome.problem, len(outcome.problem.names)
     more = problem_of(outcome.drive, (*problem.names, *further), outcome.task.roles, problem.traces)
     point = Point(np.array([outcome.drive.value(n) or 0.0 for n in more.names]), outcome.solution.point.starts)

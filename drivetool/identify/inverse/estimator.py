@@ -15,6 +15,7 @@ from drivetool.errors import BadOption
 from drivetool.finding import Finding
 from drivetool.identify.channels import feedback_in
 from drivetool.identify.estimate import (
+    MAX_INFLATION,
     Z95,
     Covariance,
     Estimate,
@@ -26,6 +27,7 @@ from drivetool.identify.estimate import (
     parameters_of,
     without_intervals,
 )
+from drivetool.identify.identifiability import Freed, with_sums_of_constant_torques
 from drivetool.identify.inverse.missing_laws import own_parameters_of, solve_with_laws, with_laws
 from drivetool.identify.inverse.regression import (
     InverseFit,
@@ -104,18 +106,21 @@ def greybox_by_inverse(experiments: Sequence[Experiment], drive: Drive, free: Se
         fit, drive, alone.drive, line, _held_value_covariance(fit, options.known), structure)
     repeats = repeatability_of(recording_estimates(fit), line)
     lines, covariance, varies = with_scatter(lines, covariance, alone.own, repeats, alone.drive)
-    more = (*more, *varies)
+    lines, sums, joint = with_sums_of_constant_torques(
+        lines, alone.drive, alone.own, (*(options.known.names if options.known else ()), *options.hold),
+        lambda further: _if_freed(fit, further))
+    more = (*more, *varies, *joint)
     f, figures, exhibits = _torque_figures(fit, alone)
     heavy = significant_laws(laws, experiments)
     findings += [*more, *([model_error(heavy, next(iter(heavy)))] if heavy else []),
                  *(() if reference else _open_loop_findings(experiments, sensor))]
     if f.over_sd > MAX_RESIDUAL_OVER_SD:
         findings.append(_explains_nothing_finding(f.over_sd))
-        lines, covariance = without_intervals(
-            lines, "the inverse model explains none of the torque", "not-identifiable"), None
+        lines = without_intervals(lines, "the inverse model explains none of the torque", "not-identifiable")
+        covariance, sums = None, ()
     return estimate_from_fit(
         "greybox", experiments, alone.drive, lines, covariance, outcome=_outcome_sentence(fit, reference),
-        fit=figures, findings=findings, exhibits=exhibits, laws=laws,
+        fit=figures, findings=findings, exhibits=exhibits, laws=laws, ratios=sums,
         explanation=f"{len(laws)} further effect{'s' if len(laws) > 1 else ''} fitted in addition to the drive "
         "model." if laws else "",
         details={"criterion": "inverse", "outputs": ["motor_torque"], "instruments": reference or "none"})
@@ -205,6 +210,17 @@ def _max_noise_bias(fit: InverseFit, rows: Sequence[Rows], inverse: np.ndarray) 
         moment = min(error / max(inertia, 1e-300), np.sqrt(error * float(np.sum(slopes[here, j] ** 2))))
         found += np.abs(inverse[:, j]) * (moment + np.sqrt(power * error) + inertia * power)
     return found
+
+
+def _if_freed(fit: InverseFit, further: tuple[str, ...]) -> Freed:
+    """Of further values, by the regression."""
+    slopes = replace(fit.at, free=further).rows()
+    moved = -fit.inverse @ sum(r.instruments.T @ s.slopes for r, s in zip(fit.rows, slopes, strict=True))
+    own, other = (np.concatenate([r.slopes for r in rows]) for rows in (fit.rows, slopes))
+    left = np.sum((other - own @ np.linalg.lstsq(own, other, rcond=1e-12)[0]) ** 2, axis=0)
+    variance = float(np.mean(np.concatenate([r.residual for r in fit.rows]) ** 2))
+    imitated = np.sum(other**2, axis=0) > MAX_INFLATION * left
+    return fit.at.free, moved, np.where(imitated, np.inf, np.sqrt(variance / np.where(imitated, 1.0, left)))
 
 
 def _held_value_covariance(fit: InverseFit, known: Covariance | None) -> np.ndarray:
