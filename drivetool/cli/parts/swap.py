@@ -41,7 +41,11 @@ def run(job: Job) -> int:
 
     check_outputs(job)
     first, second = (load_parameters([path]) for path in job.params)
-    found = swap(*sides_of(first, second))
-    doubts = (finding for loaded in (first, second) for finding in loaded.stated().assumed()[1])
+    sides = sides_of(first, second)
+    found = swap(*sides)
+    doubts = []
+    for loaded, side in zip((first, second), sides, strict=True):
+        stated, summed = loaded.stated(), {word for name in side.derived for word in name.split()}
+        doubts += stated.doubts(stated.unidentified.keys() - summed)  # sums are compared as such
     found = found.replace(findings=(*doubts, *found.findings))
     return deliver(job, swap_file(found, (*first.inputs, *second.inputs)), found.exhibits)

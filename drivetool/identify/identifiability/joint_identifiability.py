@@ -17,6 +17,8 @@ from drivetool.identify.setup import Outcome, Task, has_gap, problem_of, run_len
 from drivetool.quantity import name_of, names_of, owner_of, parse_name, quantity_of
 
 CONSTANT_TORQUES = ("idle_torque", "coulomb")  # in one direction of motion
+# Change of a constant torque per change of the other, which it imitates one for one. A choice: half of that.
+MIN_IMITATION = 0.5
 # Fitted names; (k, m) how these move with each of m further values; (m,) std of a further value if it were free,
 # infinite where the fitted ones imitate it.
 Freed = tuple[tuple[str, ...], np.ndarray, np.ndarray]
@@ -104,7 +106,10 @@ def with_sums_of_constant_torques(lines: Sequence[Parameter], drive: Drive, free
         other = partners.get(p.name)
         if other is None or p.std is None or stds[further.index(other)] < abs(p.value):
             continue
-        sign = "-" if moved[names.index(p.name), further.index(other)] > 0.0 else "+"
+        by = moved[names.index(p.name), further.index(other)]
+        if abs(by) < MIN_IMITATION:  # another value imitates it, as that of the whole drive does
+            continue
+        sign = "-" if by > 0.0 else "+"
         value = drive.value(other) or 0.0
         total = p.replace(name=f"{p.name} {sign} {other}", value=p.value + float(f"{sign}1") * value, start=None)
         # Of a friction on its bound: the sum may lie beyond.

@@ -106,12 +106,25 @@ def _why_not_compared(name: str) -> str:
 
 
 def derived_swap_lines(first: Side, second: Side) -> Iterator[SwapLineSection]:
-    """Figures of both files that follow from the parameters; resonances are those of the whole drive."""
-    for name in dict.fromkeys((*first.derived, *second.derived)):
-        factor = second.drive.gear_ratios()[-1] ** 2.0 if name.startswith("total_inertia") else 1.0
+    """Figures of both files that follow from the parameters; resonances are those of the whole drive.
+
+    A sum of parameters is compared with that of their counterparts.
+    """
+    others = {name: _figure_counterpart(name, first.drive, second.drive) for name in first.derived}
+    taken = [other for other, _ in others.values()]
+    others |= {name: (name, 1.0) for name in second.derived if name not in taken}
+    for name, (other, factor) in others.items():
         notch = DIFFERENT_LOADS if name.startswith("anti_resonance") else ""
-        yield swap_line(name, name, factor, first.derived.get(name), second.derived.get(name), first.name,
+        yield swap_line(name, other, factor, first.derived.get(name), second.derived.get(other), first.name,
                         second.name, notch)
+
+
+def _figure_counterpart(name: str, first: Drive, second: Drive) -> tuple[str, float]:
+    """The same as `counterpart`, of a figure that follows from the parameters."""
+    if "." not in name:
+        return name, second.gear_ratios()[-1] ** 2.0 if name.startswith("total_inertia") else 1.0
+    words = [counterpart(word, first, second) if "." in word else (word, 1.0) for word in name.split()]
+    return " ".join(word for word, _ in words), words[0][1]
 
 
 def swap_line(name: str, other: str, factor: float, mine: Figure | None, its: Figure | None, first: str,
