@@ -35,6 +35,8 @@ PAGES = ("docs/tutorial/index.md", "README.md", "CONTRIBUTING.md", "docs/**/*.md
 BLOCK = re.compile(r"^( *)```(console|sh|yaml)\n(.*?)^\1```$", re.MULTILINE | re.DOTALL)
 NUMBER = re.compile(r"(\d+\.\d+)")
 LAST_DIGITS = 2.0  # in units of the last digit printed; rounding alone may take one
+# Said once on a machine whose cache is empty, whichever example comes first.
+COMPILED = re.compile(r"^drivetool: compiled in \d+ s\.\n", re.MULTILINE)
 ENDED = "@exit"  # a line that no command prints: it parts the output of one from that of the next
 # A terminal of fixed width that draws neither colours nor a progress bar.
 TERMINAL = {"TERM": "dumb", "COLUMNS": "80", "LINES": "50"}
@@ -118,7 +120,7 @@ def run(commands: Sequence[str], folder: str) -> list[tuple[str, int]]:
     shell = subprocess.Popen(["bash", "-c", script], cwd=folder, stdin=subprocess.DEVNULL, stdout=theirs,
                              stderr=theirs, env=os.environ | TERMINAL | {"PATH": path})
     os.close(theirs)
-    text = b"".join(_read(ours)).decode().replace("\r\n", "\n")
+    text = COMPILED.sub("", b"".join(_read(ours)).decode().replace("\r\n", "\n"))
     os.close(ours)
     shell.wait()
     parts = re.split(rf"^{ENDED} (\d+)\n", text, flags=re.MULTILINE)
