@@ -3,21 +3,20 @@
 from dataclasses import replace
 from types import SimpleNamespace
 
+import numpy as np
 import pytest
 
 from drivetool.drive import TOTALS, two_mass
 from drivetool.finding import Finding
 from drivetool.identify.acceleration.estimator import as_drive_parameters, rigid_of
-from drivetool.identify.estimate.estimate import Estimate, Parameter
-from drivetool.identify.estimate.interval_and_status import (
-    experiment_for,
-    parameters_of,
-    without_not_identifiable_findings,
-)
+from drivetool.identify.estimate.estimate import Covariance, Estimate, Parameter
+from drivetool.identify.estimate.interval_and_status import experiment_for, parameters_of
+from drivetool.identify.estimate.verdict import Verdict, judged, masked
 from drivetool.identify.fit.engine import by_innovations
-from drivetool.identify.identifiability.joint_identifiability import without_torque_intervals
-from drivetool.identify.identifiability.one_sided_backlash import with_lower_limit_only
-from drivetool.identify.identifiability.shaft_likelihood_ratio import without_shaft_intervals
+from drivetool.identify.identifiability import joint_identifiability
+from drivetool.identify.identifiability.joint_identifiability import ratios_of_torques
+from drivetool.identify.identifiability.one_sided_backlash import without_upper_limit
+from drivetool.identify.identifiability.shaft_likelihood_ratio import insignificant_shafts
 from drivetool.identify.outcome.composition import compose
 from drivetool.identify.setup.options import Options
 from drivetool.identify.setup.setup import roles_of
@@ -27,7 +26,7 @@ from tests.recover import drive_like, linear_record, truth
 from tests.simulator.machine import machine_by_seed
 
 MACHINE = machine_by_seed(5)
-SHAPE = ["motor.inertia", "load.inertia", "shaft.stiffness", "shaft.damping"]
+SHAPE = ("motor.inertia", "load.inertia", "shaft.stiffness", "shaft.damping")
 FRICTIONS = ("motor.viscous", "load.viscous", "motor.idle_torque", "load.idle_torque")
 
 
@@ -73,10 +72,12 @@ def test_the_factor_of_a_law_is_no_parameter_of_the_drive(outcome):
     assert "load.idle_torque" in {f.parameter for f in findings}
 
 
-def test_a_finding_on_ratios_is_about_no_single_parameter(outcome):
-    lines = [Parameter(name=n, value=1.0, unit="") for n in outcome.task.free]
+def test_a_finding_on_ratios_is_about_no_single_parameter(outcome, monkeypatch):
+    monkeypatch.setattr(joint_identifiability, "only_ratios", lambda outcome: True)
+    lines = tuple(Parameter(name=n, value=1.0, unit="") for n in outcome.task.free)
+    estimate = Estimate("greybox", outcome.drive, lines, "", {})
     one = SimpleNamespace(task=SimpleNamespace(free=("motor.inertia", "motor.clamped")), drive=outcome.drive)
-    several, alone = without_torque_intervals(lines, outcome)[1], without_torque_intervals(lines, one)[1]
+    several, alone = (ratios_of_torques(estimate, o).findings[0] for o in (outcome, one))
     assert several.parameter is None and alone.parameter == "motor.inertia"
 
 
@@ -84,15 +85,38 @@ def test_only_the_findings_of_that_parameter_are_replaced():
     near = not_identifiable("shaft2.half_gap")
     together = not_identifiable(None, "shaft.half_gap, load.inertia")
     other = Finding("warning", "gap-ambiguous", "shaft.half_gap is one of two.", parameter="shaft.half_gap")
-    findings = [near, not_identifiable("shaft.half_gap"), together, other]
-    assert without_not_identifiable_findings(findings, {"shaft.half_gap"}) == [near, together, other]
+    line = Parameter(name="shaft.half_gap", value=0.01, unit="rad")
+    before = Estimate("backlash", two_mass(), (line,), "", {},
+                      findings=(near, not_identifiable("shaft.half_gap"), together, other))
+    assert judged(before, [lambda e: Verdict(lines=e.parameters)]).findings == (near, together, other)
+
+
+def test_a_parameter_without_an_interval_has_no_covariance():
+    """A later step takes what has a covariance for known."""
+    lines = tuple(Parameter(name=n, value=1.0, unit="", std=0.1) for n in SHAPE)
+    before = Estimate("greybox", two_mass(), lines, "", {}, Covariance(SHAPE, np.eye(len(SHAPE))))
+    found = judged(before, [lambda e: Verdict(lines=masked(e, "a reason", names=SHAPE[:1]))])
+    assert found.covariance.names == SHAPE[1:] and found.line(SHAPE[0]).status == "not-identifiable"
+    assert judged(found, [lambda e: Verdict(lines=masked(e, "a reason"))]).covariance is None
+
+
+def test_each_check_sees_what_those_before_it_left():
+    line = Parameter(name="shaft.half_gap", value=0.01, unit="rad", std=0.001)
+    seen = []
+
+    def check(estimate):
+        seen.append(estimate.parameters[0].std)
+        return Verdict(lines=masked(estimate, "a reason"))
+
+    judged(Estimate("backlash", two_mass(), (line,), "", {}), [check, check])
+    assert seen == [0.001, None]
 
 
 def test_a_gap_with_a_lower_bound_is_reported_once():
     drive = two_mass().with_values({"shaft.half_gap": 0.01})
     before = Estimate("greybox", drive, (Parameter(name="shaft.half_gap", value=0.01, unit="rad"),), "", {},
                       findings=(not_identifiable("shaft.half_gap"),))
-    found = with_lower_limit_only(before, "shaft.half_gap", 0.008)
+    found = judged(before, [lambda e: without_upper_limit(e, "shaft.half_gap", 0.008)])
     assert [f.code for f in found.findings] == ["gap-unbounded"] and parameters_of_findings(found) == {
         "shaft.half_gap"}
 
@@ -101,7 +125,10 @@ def test_an_insignificant_shaft_replaces_the_findings_of_its_parameters():
     drive = two_mass()
     lines = tuple(Parameter(name=n, value=1.0, unit="") for n in (*SHAPE, "motor.coulomb"))
     before = Estimate("greybox", drive, lines, "", {}, findings=tuple(not_identifiable(p.name) for p in lines))
-    assert parameters_of_findings(without_shaft_intervals(before, "shaft", "it does not show")) == {"motor.coulomb"}
+    found = judged(before, [lambda e: insignificant_shafts(e, {"shaft": 1.0})])
+    assert parameters_of_findings(found) == {"motor.coulomb"}
+    assert [f.code for f in found.findings] == ["not-identifiable", "shaft-not-identifiable"]
+    assert {p.name for p in found.parameters if p.status == "not-identifiable"} == set(SHAPE)
 
 
 def test_of_one_body_for_a_drive_the_parameter_is_that_of_the_drive():

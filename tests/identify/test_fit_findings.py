@@ -7,8 +7,9 @@ import numpy as np
 import pytest
 
 from drivetool.drive import one_body, two_mass
-from drivetool.identify.backlash.estimator import without_ambiguous
+from drivetool.identify.backlash.estimator import ambiguous_gaps
 from drivetool.identify.estimate.estimate import Covariance, Estimate, Parameter
+from drivetool.identify.estimate.verdict import judged
 from drivetool.identify.fit.engine import by_innovations
 from drivetool.identify.greybox.estimator import both_criteria
 from drivetool.identify.outcome.composition import compose, noise_parameters
@@ -71,7 +72,8 @@ def test_another_half_gap_that_is_as_likely_leaves_none(other, above, said):
     line = Parameter(name="shaft.half_gap", value=0.01, unit="rad", start=0.01, std=1e-4, ci95=(0.0098, 0.0102))
     starts = ({"minus_log_likelihood_above_best": 0.0, "reached": {"shaft.half_gap": 0.01}},
               {"minus_log_likelihood_above_best": above, "reached": {"shaft.half_gap": other}})
-    found = without_ambiguous(Estimate("backlash", drive, (line,), "", {}), SimpleNamespace(starts=starts),
-                              ["shaft.half_gap"])
+    outcome = SimpleNamespace(starts=starts)
+    found = judged(Estimate("backlash", drive, (line,), "", {}), [
+        lambda e: ambiguous_gaps(e, outcome, ["shaft.half_gap"])])
     assert [f.code for f in found.findings] == (["gap-ambiguous"] if said else [])
     assert (found.parameters[0].std is None) == said

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import replace
+from functools import partial
 
 import numpy as np
 
@@ -27,8 +28,8 @@ from drivetool.check.verdict.which_body import unidentified_body_findings
 from drivetool.drive import Drive
 from drivetool.errors import DriveToolError
 from drivetool.finding import Finding
-from drivetool.identify.estimate import Estimate, PlotData
-from drivetool.identify.identifiability import uncrossed_gaps, with_lower_limit_only
+from drivetool.identify.estimate import Estimate, PlotData, judged
+from drivetool.identify.identifiability import uncrossed_gaps, without_upper_limit
 from drivetool.identify.noise import (
     Fit,
     Noise,
@@ -129,9 +130,9 @@ def estimate_of(search: SearchResult, before: Drive, options: DiagnoseOptions) -
                                              converged))
     outcome, least = uncrossed_gaps(outcome)
     start = replace(task.drive, values={**task.drive.values, **before.values})
-    estimate = compose("diagnose", start, outcome, Options(), correlated=correlated_errors_finding(search.faults))
-    for name, low in least.items():
-        estimate = with_lower_limit_only(estimate, name, low)
+    estimate = judged(
+        compose("diagnose", start, outcome, Options(), correlated=correlated_errors_finding(search.faults)),
+        [partial(without_upper_limit, name=name, low=low) for name, low in least.items()])
     return replace(estimate, options={"candidates": list(options.candidates), "error_budget": options.error_budget,
                                       "seed": options.seed})
 

@@ -9,6 +9,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
+from functools import partial
 
 import numpy as np
 
@@ -20,10 +21,11 @@ from drivetool.identify.estimate import (
     Z95,
     Estimate,
     PlotData,
+    Verdict,
     covariance_of,
     in_order,
+    judged,
     line_of,
-    without_not_identifiable_findings,
 )
 from drivetool.identify.fit import (
     Contact,
@@ -41,10 +43,9 @@ from drivetool.identify.greybox import ALL, free_parameters, with_all_expanded
 from drivetool.identify.identifiability import (
     HALF_CHI2_95,
     Profile,
+    low_inertia,
     never_crossed,
     profile,
-    with_low_inertia_findings,
-    with_lower_limit_only,
     with_uncertain_values_free,
     without_upper_limit,
 )
@@ -141,14 +142,13 @@ def backlash(experiments: Sequence[Experiment], drive: Drive, options: Options) 
         explanation=explanation, alone=fit.alone)
     estimate = with_friction_of_file(estimate, outcome, options, free, explanation)
     about_law = gap_law_findings(laws, outcome, free, not not_converged(outcome), opens)
-    estimate = replace(estimate, findings=(*torque_timing(white), *suspect_channel_findings(task, outcome.drive),
-                                           *about_law, *estimate.findings))
-    for name, found in profiles.items():
-        estimate = _with_profile_interval(estimate, name, found)
-    for name, low in lower_limits.items():
-        estimate = with_lower_limit_only(estimate, name, low)
-    estimate = _with_one_sided_findings(without_ambiguous(estimate, outcome, gaps), gaps)
-    return with_low_inertia_findings(estimate, outcome, gaps, freed and [n for n in freed.free if n not in free])
+    return judged(estimate, (
+        lambda _: Verdict((*torque_timing(white), *suspect_channel_findings(task, outcome.drive), *about_law)),
+        *(partial(_by_profile, name=name, found=found) for name, found in profiles.items()),
+        *(partial(without_upper_limit, name=name, low=low) for name, low in lower_limits.items()),
+        lambda e: ambiguous_gaps(e, outcome, gaps),
+        lambda e: _uncrossed(e, gaps),
+        lambda e: low_inertia(e, outcome, gaps, freed and [n for n in freed.free if n not in free])))
 
 
 def _with_likelier_law(white: Outcome, requested: Options) -> tuple[GapLaws | None, Outcome]:
@@ -241,41 +241,41 @@ def _profile_if_wide(outcome: Outcome, name: str) -> Profile | None:
     return profile(outcome, name, float(step))
 
 
-def _with_profile_interval(estimate: Estimate, name: str, found: Profile) -> Estimate:
-    """Replace the interval of a half gap by that of its profile."""
+def _by_profile(estimate: Estimate, name: str, found: Profile) -> Verdict:
+    """The interval of a half gap by its profile."""
+    unit = estimate.line(name).unit
+    curve = PlotData("profile", f"Profile likelihood of {name}", f"{name} [{unit}]", "rise of -log likelihood", {
+        "profile": (found.values, found.rise),
+        "95 % level": (found.values[[0, -1]], np.full(2, HALF_CHI2_95))})
+    return replace(_limits_by_profile(estimate, name, found), exhibits=[curve])
+
+
+def _limits_by_profile(estimate: Estimate, name: str, found: Profile) -> Verdict:
+    """What a profile says of the half gap of that name: no upper limit, no lower one, or both."""
     line, low = estimate.line(name), 0.0 if found.low is None else found.low
-    findings = list(estimate.findings)
     if found.high is None:
-        new, finding = without_upper_limit(line, low)
-        findings.append(finding)
-    elif found.low is None:
-        new = line.replace(std=None, ci95=(0.0, found.high), status="at-bound" if line.value <= 0.0 else "fitted",
-                           reason="not distinguishable from zero; the interval is one-sided")
-        findings.append(Finding(
+        return without_upper_limit(estimate, name, low)
+    if found.low is None:
+        return Verdict([Finding(
             "note", "gap-not-significant",
             f"{name} is not distinguishable from zero; it is at most {found.high:.3g} {line.unit}.",
             {"at_most": found.high},
-            "Record smaller torque steps around zero shaft torque to identify smaller gaps.", name))
-    else:
-        # The profile is of one candidate model: the disagreement between the candidates is added.
-        structure = Z95 * (line.std_structure or 0.0)
-        low = line.value - np.hypot(line.value - low, structure)
-        high = line.value + np.hypot(found.high - line.value, structure)
-        new = line.replace(ci95=(max(low, 0.0), high), status="fitted",
-                           std=line.std if line.std is not None else (high - low) / (2.0 * Z95))
-    findings = without_not_identifiable_findings(findings, {name})
-    curve = PlotData("profile", f"Profile likelihood of {name}", f"{name} [{line.unit}]",
-                    "rise of -log likelihood", {
-                        "profile": (found.values, found.rise),
-                        "95 % level": (found.values[[0, -1]], np.full(2, HALF_CHI2_95))})
-    return replace(estimate.with_line(new), findings=tuple(findings), exhibits=(*estimate.exhibits, curve))
+            "Record smaller torque steps around zero shaft torque to identify smaller gaps.", name)], [line.replace(
+                std=None, ci95=(0.0, found.high), status="at-bound" if line.value <= 0.0 else "fitted",
+                reason="not distinguishable from zero; the interval is one-sided")])
+    # The profile is of one candidate model: the disagreement between the candidates is added.
+    structure = Z95 * (line.std_structure or 0.0)
+    low = line.value - np.hypot(line.value - low, structure)
+    high = line.value + np.hypot(found.high - line.value, structure)
+    return Verdict(lines=[line.replace(ci95=(max(low, 0.0), high), status="fitted",
+                                       std=line.std if line.std is not None else (high - low) / (2.0 * Z95))])
 
 
-def without_ambiguous(estimate: Estimate, outcome: Outcome, gaps: Sequence[str]) -> Estimate:
+def ambiguous_gaps(estimate: Estimate, outcome: Outcome, gaps: Sequence[str]) -> Verdict:
     """No interval where a start converged to a different gap that is as likely."""
     rivals = [s["reached"] for s in outcome.starts
               if s.get("minus_log_likelihood_above_best", np.inf) < HALF_CHI2_95 and "reached" in s]
-    findings = list(estimate.findings)
+    findings, lines = [], []
     for g in gaps:
         line = estimate.line(g)
         value, width = line.value, 4.0 * (line.std or 0.0) + 0.02 * line.value
@@ -283,14 +283,13 @@ def without_ambiguous(estimate: Estimate, outcome: Outcome, gaps: Sequence[str])
         if line.status != "fitted" or not others:
             continue
         low, high = min([value, *others]), max([value, *others])
-        estimate = estimate.with_line(line.replace(
-            std=None, ci95=None, status="not-identifiable",
-            reason=f"half gaps from {low:.3g} to {high:.3g} explain the record equally well"))
+        lines.append(line.without_interval(
+            f"half gaps from {low:.3g} to {high:.3g} explain the record equally well", "not-identifiable"))
         findings.append(Finding(
             "warning", "gap-ambiguous",
             f"Half gaps from {low:.3g} to {high:.3g} {line.unit} explain this record equally well.",
             {"low": low, "high": high}, "Record torque steps that cross the gap both ways.", g))
-    return replace(estimate, findings=tuple(findings))
+    return Verdict(findings, lines)
 
 
 def _contact_counts(outcome: Outcome, drive: Drive, gaps: Sequence[str]) -> dict[str, dict[str, float]]:
@@ -302,9 +301,9 @@ def _contact_counts(outcome: Outcome, drive: Drive, gaps: Sequence[str]) -> dict
     return found
 
 
-def _with_one_sided_findings(estimate: Estimate, gaps: Sequence[str]) -> Estimate:
+def _uncrossed(estimate: Estimate, gaps: Sequence[str]) -> Verdict:
     """A finding where a gap opened but never reached its other side: it has only a lower bound."""
-    findings = list(estimate.findings)
+    findings = []
     for g in gaps:
         counts = estimate.details["contact"][g]
         if estimate.line(g).value > 0.0 and counts["opened"] > 0 and counts["crossed"] == 0:
@@ -312,7 +311,7 @@ def _with_one_sided_findings(estimate: Estimate, gaps: Sequence[str]) -> Estimat
                 "warning", "gap-not-crossed",
                 f"The gap opened {counts['opened']} times but its other side was never reached: {g} has only a "
                 f"lower bound.", counts, "Record torque steps of both signs.", g))
-    return replace(estimate, findings=tuple(findings))
+    return Verdict(findings)
 
 
 def _unopened_estimate(task: Task, drive: Drive, unopened: Sequence[str], closed: dict[str, Contact],

@@ -13,7 +13,6 @@ from .estimate import (
     Parameter as Parameter,
     PlotData as PlotData,
     std_by_gradient as std_by_gradient,
-    without_intervals as without_intervals,
 )
 from .interval_and_status import (
     MAX_INFLATION as MAX_INFLATION,
@@ -24,7 +23,6 @@ from .interval_and_status import (
     inverted as inverted,
     parameters_of as parameters_of,
     sensitivity_to_held as sensitivity_to_held,
-    without_not_identifiable_findings as without_not_identifiable_findings,
 )
 from .lines import (
     held_line as held_line,
@@ -43,4 +41,10 @@ from .sections import (
     LawSection as LawSection,
     ParameterSection as ParameterSection,
     StartsSection as StartsSection,
+)
+from .verdict import (
+    NOT_CONVERGED_TEXT as NOT_CONVERGED_TEXT,
+    Verdict as Verdict,
+    judged as judged,
+    masked as masked,
 )

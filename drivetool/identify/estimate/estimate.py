@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection, Iterable, Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from collections.abc import Collection, Iterable, Mapping
+from dataclasses import dataclass, field
 
 import numpy as np
 
@@ -174,13 +174,3 @@ class Estimate:
     def line(self, name: str) -> Parameter:
         """The parameter of that name."""
         return next(p for p in self.parameters if p.name == name)
-
-    def with_line(self, line: Parameter) -> Estimate:
-        """The same with another line in the place of that of its name."""
-        return replace(self, parameters=tuple(line if p.name == line.name else p for p in self.parameters))
-
-
-def without_intervals(lines: Sequence[Parameter], why: str = "the fit did not converge",
-                      status: Status | None = None) -> tuple[Parameter, ...]:
-    """The lines with no interval on what was fitted; status: of these lines, None: as it is."""
-    return tuple(p.without_interval(why, status) if p.status in ("fitted", "at-bound") else p for p in lines)

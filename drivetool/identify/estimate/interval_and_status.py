@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection, Sequence
+from collections.abc import Sequence
 
 import numpy as np
 
@@ -108,11 +108,6 @@ def parameters_of(problem: Problem, solution: Solution, before: Drive, after: Dr
             lines.append(line.with_interval(std, bounds))
     shared = with_intervals_only(Covariance(problem.names, covariance), lines)
     return whole_table(lines, after, _why_held), shared, tuple(findings)
-
-
-def without_not_identifiable_findings(findings: Sequence[Finding], names: Collection[str]) -> list[Finding]:
-    """The findings without `not-identifiable` of these parameters: another finding replaces it."""
-    return [f for f in findings if not (f.code == "not-identifiable" and f.parameter in names)]
 
 
 def _why_held(name: str) -> str:

@@ -9,6 +9,7 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
+from functools import partial
 
 import numpy as np
 
@@ -16,7 +17,7 @@ from drivetool.drive import TOTALS, Drive
 from drivetool.errors import BadOption, DriveToolError
 from drivetool.finding import Finding
 from drivetool.identify.channels import feedback_in, suspect_channel_findings, torque_timing, without_outliers
-from drivetool.identify.estimate import Estimate, fit_percent
+from drivetool.identify.estimate import Estimate, Verdict, fit_percent, judged
 from drivetool.identify.fit import (
     by_innovations,
     by_simulation,
@@ -35,12 +36,12 @@ from drivetool.identify.greybox.clamped import (
 )
 from drivetool.identify.identifiability import (
     contradicted_held_values,
+    insignificant_shafts,
     shaft_gain,
     uncrossed_gaps,
-    with_lower_limit_only,
-    without_unidentified,
+    without_upper_limit,
 )
-from drivetool.identify.laws import can_be_tested, default_fit, find_missing_structure, report_missing_structure
+from drivetool.identify.laws import can_be_tested, default_fit, find_missing_structure, missing_structure
 from drivetool.identify.outcome import compose, not_converged
 from drivetool.identify.setup import (
     HELD_OUT_SHARE,
@@ -115,18 +116,15 @@ def greybox(experiments: Sequence[Experiment], drive: Drive, options: Options) -
     no_convergence = not_converged(outcome)
     model_incomplete = estimate.repeats or model_lacks or no_convergence
     contradicted = contradicted_held_values(task, white, options, requested) if model_incomplete else ()
-    estimate = replace(estimate, findings=(*contradicted, *torque_timing(white), *estimate.findings))
-    if (outcome.drive.shafts and not has_gap(outcome.task) and model_incomplete
-            and not can_be_tested(*chosen_fit.rivals[:2])):
-        opened = opened_gap_findings(outcome.fitted, "the fitted model has none")
-        estimate = replace(estimate, findings=(*estimate.findings, *opened))
-    for name, low in lower_limits.items():
-        estimate = with_lower_limit_only(estimate, name, low)
-    estimate = replace(estimate, findings=(
-        *estimate.findings, *torque_in_feedback(no_convergence or worthless, task)))
-    estimate = without_unidentified(estimate, shaft_gain(white))
-    return report_missing_structure(estimate, find_missing_structure(*chosen_fit.rivals),
-                                    drive.shafts[0]) if drive.shafts else estimate
+    opens = (outcome.drive.shafts and not has_gap(outcome.task) and model_incomplete
+             and not can_be_tested(*chosen_fit.rivals[:2]))
+    return judged(estimate, (
+        lambda _: Verdict((*contradicted, *torque_timing(white))),
+        lambda _: Verdict(opened_gap_findings(outcome.fitted, "the fitted model has none") if opens else ()),
+        *(partial(without_upper_limit, name=name, low=low) for name, low in lower_limits.items()),
+        lambda _: Verdict(torque_in_feedback(no_convergence or worthless, task)),
+        lambda e: insignificant_shafts(e, shaft_gain(white)),
+        lambda e: missing_structure(e, find_missing_structure(*chosen_fit.rivals) if drive.shafts else None)))
 
 
 def _by_inverse(experiments: Sequence[Experiment], drive: Drive, options: Options, roles: Roles) -> Estimate:

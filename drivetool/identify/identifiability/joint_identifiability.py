@@ -9,11 +9,18 @@ import numpy as np
 
 from drivetool.drive import TOTALS, Drive, is_constant
 from drivetool.finding import Finding
-from drivetool.identify.estimate import MAX_INFLATION, Parameter, covariance_of, sensitivity_to_held
+from drivetool.identify.estimate import (
+    MAX_INFLATION,
+    Estimate,
+    Parameter,
+    Verdict,
+    covariance_of,
+    sensitivity_to_held,
+)
 from drivetool.identify.fit import segment_states
 from drivetool.identify.noise import filtered_normal_equations
 from drivetool.identify.problem import Point, Solution, schur
-from drivetool.identify.setup import Outcome, Task, has_gap, problem_of, run_length
+from drivetool.identify.setup import Options, Outcome, has_gap, problem_of, run_length
 from drivetool.quantity import name_of, names_of, owner_of, parse_name, quantity_of
 
 CONSTANT_TORQUES = ("idle_torque", "coulomb")  # in one direction of motion
@@ -28,17 +35,18 @@ Freed = tuple[tuple[str, ...], np.ndarray, np.ndarray]
 CANCELLATION_TOLERANCE = 1e-9
 
 
-def without_joint_intervals(lines: Sequence[Parameter], outcome: Outcome, own: Task,
-                            known: Sequence[str],
-                            ) -> tuple[tuple[Parameter, ...], tuple[Parameter, ...], list[Finding]]:
-    """(lines without the intervals that hold for a sum only, a line for each of these sums, findings).
-
-    own    the drive without laws, at the estimate
-    known  names whose values are stated: the intervals contain their uncertainty, if they have one
-    """
-    lines, sums, findings = with_sums_of_constant_torques(lines, own.drive, own.free, known,
-                                                          lambda further: _if_freed(outcome, further))
-    return tuple(_lumped_friction_line(p, own) for p in lines), sums, findings
+def ratios_of_torques(estimate: Estimate, outcome: Outcome) -> Verdict:
+    """No interval of any torque where only their ratios are identifiable."""
+    if not only_ratios(outcome):
+        return Verdict()
+    torques = sorted(n for n in outcome.task.free if _scales_with_torque(n, outcome.drive))
+    reason = "only its ratio to the other torques is identifiable: no torque of known size acts"
+    return Verdict([Finding(
+        "warning", "not-identifiable",
+        f"This record identifies only the ratios of {', '.join(torques)}: no torque of known size acts.", {},
+        "Record while the motor drives, or hold one of them at a known value with --hold.",
+        torques[0] if len(torques) == 1 else None)],
+        [p.without_interval(reason, "not-identifiable") for p in estimate.parameters if p.name in torques])
 
 
 def only_ratios(outcome: Outcome) -> bool:
@@ -71,38 +79,25 @@ def _scales_with_torque(name: str, drive: Drive) -> bool:
     return drive.quantity(name).unit.startswith("{T}")
 
 
-def without_torque_intervals(lines: Sequence[Parameter], outcome: Outcome) -> tuple[tuple[Parameter, ...], Finding]:
-    """The lines without an interval of any torque, and the finding."""
-    torques = {n for n in outcome.task.free if _scales_with_torque(n, outcome.drive)}
-    found = tuple(
-        p.without_interval("only its ratio to the other torques is identifiable: no torque of known size acts",
-                           "not-identifiable") if p.name in torques else p for p in lines)
-    return found, Finding(
-        "warning", "not-identifiable",
-        f"This record identifies only the ratios of {', '.join(sorted(torques))}: no torque of known size acts.",
-        {}, "Record while the motor drives, or hold one of them at a known value with --hold.",
-        next((p.name for p in lines if {p.name} == torques), None))
-
-
-def with_sums_of_constant_torques(lines: Sequence[Parameter], drive: Drive, free: Sequence[str],
-                                  known: Sequence[str], if_freed: Callable[[tuple[str, ...]], Freed],
-                                  ) -> tuple[tuple[Parameter, ...], tuple[Parameter, ...], list[Finding]]:
+def sums_of_constant_torques(estimate: Estimate, free: Sequence[str], options: Options,
+                             by_fit: Callable[[tuple[str, ...]], Freed]) -> Verdict:
     """Idle torque and Coulomb friction of a body, of which one is fitted: as their sum, where it tells no more.
 
     The other is freed in thought: if its interval were wider than the sum, the record identifies the sum alone.
 
-    drive     at the estimate; free: its fitted parameters; known: those whose values are stated
-    if_freed  what a fit says of further parameters
-    returns   (lines, a line for each sum, the finding that names them)
+    free     fitted parameters of the drive; options: which values are stated, so that the intervals contain their
+             uncertainty, if they have one
+    by_fit   what the fit says of further parameters
     """
+    drive, known = estimate.drive, (*(options.known.names if options.known else ()), *options.hold)
     partners = {n: _other_constant_torque(n, drive) for n in free if quantity_of(n) in CONSTANT_TORQUES}
     partners = {n: other for n, other in partners.items() if other not in (*free, *known)}
     if not partners:
-        return tuple(lines), (), []
+        return Verdict()
     further = tuple(dict.fromkeys(partners.values()))
-    names, moved, stds = if_freed(further)
+    names, moved, stds = by_fit(further)
     changed, sums = {}, []
-    for p in lines:
+    for p in estimate.parameters:
         other = partners.get(p.name)
         if other is None or p.std is None or stds[further.index(other)] < abs(p.value):
             continue
@@ -116,8 +111,8 @@ def with_sums_of_constant_torques(lines: Sequence[Parameter], drive: Drive, free
         sums.append(total.with_interval(p.std) if p.ci95 is None or p.status == "fitted" else total)
         reason = f"the drive turns one way, which identifies only {_stated(total)}"
         changed |= {name: reason for name in (p.name, other)}
-    return tuple(p.without_interval(changed[p.name], "not-identifiable") if p.name in changed else p
-                 for p in lines), tuple(sums), _sum_findings(sums)
+    return Verdict(_sum_findings(sums), [p.without_interval(changed[p.name], "not-identifiable")
+                                         for p in estimate.parameters if p.name in changed], sums)
 
 
 def _stated(total: Parameter) -> str:
@@ -141,7 +136,7 @@ def _other_constant_torque(name: str, drive: Drive) -> str:
         owner, "idle_torque")
 
 
-def _if_freed(outcome: Outcome, further: Sequence[str]) -> Freed:
+def if_freed(outcome: Outcome, further: Sequence[str]) -> Freed:
     """Of further values, by an outcome of the engine."""
     problem, k = outcome.problem, len(outcome.problem.names)
     more = problem_of(outcome.drive, (*problem.names, *further), outcome.task.roles, problem.traces)
@@ -155,20 +150,22 @@ def _if_freed(outcome: Outcome, further: Sequence[str]) -> Freed:
     return problem.names, sensitivity_to_held(normal, k), stds
 
 
-def _lumped_friction_line(line: Parameter, task: Task) -> Parameter:
-    """A line of a chain whose friction is identified at the motor and, lumped, on the last body."""
-    body, suffix, _ = parse_name(line.name)
-    drive, between = task.drive, task.drive.bodies[1:-1]
-    if suffix not in TOTALS.values() or body == drive.bodies[0] or not lumped_on_last_body(drive, task.free,
-                                                                                           suffix):
-        return line
-    last, others = drive.bodies[-1], " and ".join(between)
-    if body in between and line.std is None:
-        return line.replace(reason=f"contained in the value of {last}; the record identifies only their sum")
-    if body == last and line.std is not None:
-        return line.replace(std=None, ci95=None, reason=f"includes the friction of {others}, which the record "
-                            f"does not distinguish; std of their sum {line.std:.2g}")
-    return line
+def lumped_friction(estimate: Estimate, free: Sequence[str]) -> Verdict:
+    """No interval of the friction of a chain that is identified at the motor and, lumped, on the last body."""
+    drive, found = estimate.drive, []
+    between, last = drive.bodies[1:-1], drive.bodies[-1]
+    for line in estimate.parameters:
+        body, suffix, _ = parse_name(line.name)
+        if suffix not in TOTALS.values() or not lumped_on_last_body(drive, free, suffix):
+            continue
+        if body in between and line.std is None:
+            found.append(line.replace(
+                reason=f"contained in the value of {last}; the record identifies only their sum"))
+        elif body == last and line.std is not None:
+            found.append(line.without_interval(
+                f"includes the friction of {' and '.join(between)}, which the record does not distinguish; std of "
+                f"their sum {line.std:.2g}"))
+    return Verdict(lines=found)
 
 
 def lumped_on_last_body(drive: Drive, free: Sequence[str], suffix: str) -> bool:

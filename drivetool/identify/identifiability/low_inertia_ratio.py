@@ -16,7 +16,7 @@ import numpy as np
 
 from drivetool.drive import TOTALS, Drive
 from drivetool.finding import Finding
-from drivetool.identify.estimate import Covariance, Estimate
+from drivetool.identify.estimate import Covariance, Estimate, Verdict, masked
 from drivetool.identify.setup import Options, Outcome, Roles, Task
 from drivetool.quantity import name_of, names_of, quantity_of
 
@@ -73,31 +73,29 @@ def with_uncertain_values_free(task: Task, options: Options) -> Task | None:
     return freed if all(n in freed.free for n in linear) else None
 
 
-def with_low_inertia_findings(estimate: Estimate, outcome: Outcome, gaps: Sequence[str],
-                              again_free: Sequence[str] | None) -> Estimate:
-    """The estimate with the findings on a low load inertia.
+def low_inertia(estimate: Estimate, outcome: Outcome, gaps: Sequence[str],
+                again_free: Sequence[str] | None) -> Verdict:
+    """What a low load inertia means for the half gaps.
 
     again_free  values that were held at first and fitted again; None: they stayed held. Then the half gap gets no
                 interval: of simulated machines with a load below 0.15 of the motor three in three were wrong
     """
     drive = outcome.drive
     if again_free is None and not has_low_inertia_ratio(drive, outcome.task.roles):
-        return estimate
-    share, lines, findings = load_inertia_ratio(drive), estimate.parameters, list(estimate.findings)
+        return Verdict()
+    share = load_inertia_ratio(drive)
     opening = f"The load has only {100 * share:.0f} % of the motor's inertia"
     if again_free:
-        findings.append(Finding(
+        return Verdict([Finding(
             "note", "gap-refit",
             f"{opening}: {', '.join(again_free)} were refitted jointly with the half gap. Errors of a few per cent "
             "in held values would bias it.", {"load_over_motor": share},
-            "Hold accurately known values with --hold."))
-    elif again_free is None:
-        reason = "the load's inertia is too low to identify it from the motor alone"
-        lines = tuple(p.replace(std=None, ci95=None, reason=reason)
-                      if p.name in gaps and p.status == "fitted" else p for p in lines)
-        findings.append(Finding(
-            "warning", "low-inertia-ratio",
-            f"{opening}: the half gap is unreliable if only the motor is measured, and no interval is given.",
-            {"load_over_motor": share},
-            "Log the shaft torque or the load speed, or pass the parameter file of a greybox step with --params."))
-    return replace(estimate, parameters=lines, findings=tuple(findings))
+            "Hold accurately known values with --hold.")])
+    if again_free is not None:
+        return Verdict()
+    return Verdict([Finding(
+        "warning", "low-inertia-ratio",
+        f"{opening}: the half gap is unreliable if only the motor is measured, and no interval is given.",
+        {"load_over_motor": share},
+        "Log the shaft torque or the load speed, or pass the parameter file of a greybox step with --params.")],
+        masked(estimate, "the load's inertia is too low to identify it from the motor alone", None, gaps))

@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 
 from drivetool.finding import Finding
-from drivetool.identify.estimate import Estimate, Parameter, covariance_of, without_not_identifiable_findings
+from drivetool.identify.estimate import Estimate, Verdict, covariance_of
 from drivetool.identify.fit import refit
 from drivetool.identify.noise import filtered, minus_log_likelihood
 from drivetool.identify.problem import Point, solve
@@ -102,16 +102,9 @@ def _with_half_gap(wide: Outcome, gap: str, value: float, task: Task) -> Outcome
     return Outcome(whole, problem, solution, fit, (start_record,), wide.converged)
 
 
-def without_upper_limit(line: Parameter, low: float) -> tuple[Parameter, Finding]:
-    """The line of a half gap without upper limit, and the finding."""
-    new = line.replace(std=None, ci95=None, status="not-identifiable",
-                       reason="the likelihood is flat towards larger gaps")
-    return new, Finding("warning", "gap-unbounded", f"{line.name} has no upper limit in this record.",
-                        {"at_least": low}, "Record torque steps that cross the gap both ways.", line.name)
-
-
-def with_lower_limit_only(estimate: Estimate, name: str, low: float) -> Estimate:
-    """The estimate with a half gap of which only a lower limit is identifiable."""
-    line, finding = without_upper_limit(estimate.line(name), low)
-    return replace(estimate.with_line(line),
-                   findings=(*without_not_identifiable_findings(estimate.findings, {name}), finding))
+def without_upper_limit(estimate: Estimate, name: str, low: float) -> Verdict:
+    """A half gap of which only a lower limit is identifiable."""
+    return Verdict([Finding(
+        "warning", "gap-unbounded", f"{name} has no upper limit in this record.", {"at_least": low},
+        "Record torque steps that cross the gap both ways.", name)],
+        [estimate.line(name).without_interval("the likelihood is flat towards larger gaps", "not-identifiable")])

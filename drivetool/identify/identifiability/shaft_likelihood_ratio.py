@@ -7,10 +7,10 @@ curvature looks like information. The likelihood gain of such a peak does not de
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import replace
 
+from drivetool.drive import Drive
 from drivetool.finding import Finding
-from drivetool.identify.estimate import Estimate, without_intervals, without_not_identifiable_findings
+from drivetool.identify.estimate import NOT_CONVERGED_TEXT, Estimate, Verdict, masked
 from drivetool.identify.noise import Fit, fit_innovations
 from drivetool.identify.setup import Outcome, first_point, has_gap
 from drivetool.quantity import name_of
@@ -34,47 +34,36 @@ def shaft_gain(outcome: Outcome) -> dict[str, float]:
             if name_of(shaft, "stiffness") in outcome.task.free}
 
 
-def without_unidentified(estimate: Estimate, gains: Mapping[str, float]) -> Estimate:
-    """The estimate without intervals of what is identified only from a resonance that is not significant.
+def insignificant_shafts(estimate: Estimate, gains: Mapping[str, float]) -> Verdict:
+    """What is identified only from a resonance that is not significant has no interval.
 
     gains  of each shaft, see `shaft_gain`; clearly below zero the fit is wrong, and nothing has an interval
     """
     missed = [s for s, w in gains.items() if w < -MAX_RIGID_GAIN]
     if missed:
-        return replace(estimate, parameters=without_intervals(estimate.parameters), covariance=None, findings=(
-            *estimate.findings, _missed_resonance(missed[0], gains)))
-    for shaft in (s for s, w in gains.items() if w < MIN_SHAFT_GAIN):
-        estimate = _without_insignificant_shaft(estimate, shaft, gains[shaft])
-    return estimate
+        return Verdict([_missed_resonance(missed[0], gains)], masked(estimate, NOT_CONVERGED_TEXT, None))
+    weak = [s for s, w in gains.items() if w < MIN_SHAFT_GAIN]
+    lines = {p.name: p for s in weak for p in masked(
+        estimate, f"the resonance of {s} is not significant", names=names_joined_by(estimate.drive, s))}
+    return Verdict([_insignificant_shaft_finding(estimate.drive, s, gains[s]) for s in weak], tuple(lines.values()))
 
 
-def _without_insignificant_shaft(estimate: Estimate, shaft: str, gain: float) -> Estimate:
-    """The estimate without intervals of a shaft that gains too little, with the finding."""
-    drive = estimate.drive
+def _insignificant_shaft_finding(drive: Drive, shaft: str, gain: float) -> Finding:
     first, last = drive.bodies[drive.shafts.index(shaft):][:2]
-    found = Finding(
+    return Finding(
         "warning", "shaft-not-identifiable",
         f"The resonance of {shaft} is not significant: a rigid shaft predicts as well. Its stiffness and "
         f"damping are not identifiable, nor is the distribution of the inertia between {first} and "
         f"{last}.",
         {"log_likelihood_worth": gain, "wanted": MIN_SHAFT_GAIN},
         "Excite it: a chirp or a multisine about the expected frequency, or log the speed on its other side too.")
-    estimate = without_shaft_intervals(estimate, shaft, f"the resonance of {shaft} is not significant")
-    return replace(estimate, findings=(*estimate.findings, found))
 
 
-def without_shaft_intervals(estimate: Estimate, shaft: str, reason: str) -> Estimate:
-    """The estimate without intervals of a shaft and of the inertias that it joins, for a reason."""
-    drive = estimate.drive
+def names_joined_by(drive: Drive, shaft: str) -> set[str]:
+    """Stiffness and damping of a shaft, and the inertias that it joins."""
     k = drive.shafts.index(shaft)
-    names = {name_of(shaft, "stiffness"), name_of(shaft, "damping"), *(
+    return {name_of(shaft, "stiffness"), name_of(shaft, "damping"), *(
         name_of(body, what) for body in drive.bodies[k:k + 2] for what in ("inertia", "carried_mass"))}
-    lines = tuple(p.without_interval(reason, "not-identifiable")
-                  if p.name in names and p.status in ("fitted", "at-bound") else p for p in estimate.parameters)
-    # The findings of the fit on each of them hold for a drive with that resonance.
-    others = without_not_identifiable_findings(estimate.findings, names)
-    covariance = estimate.covariance and estimate.covariance.without(names)
-    return replace(estimate, parameters=lines, covariance=covariance, findings=tuple(others))
 
 
 def _missed_resonance(shaft: str, gains: Mapping[str, float]) -> Finding:

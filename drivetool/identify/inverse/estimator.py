@@ -22,12 +22,14 @@ from drivetool.identify.estimate import (
     FoundLaw,
     Parameter,
     PlotData,
+    Verdict,
     covariance_of,
     estimate_from_fit,
+    judged,
+    masked,
     parameters_of,
-    without_intervals,
 )
-from drivetool.identify.identifiability import Freed, with_sums_of_constant_torques
+from drivetool.identify.identifiability import Freed, sums_of_constant_torques
 from drivetool.identify.inverse.missing_laws import own_parameters_of, solve_with_laws, with_laws
 from drivetool.identify.inverse.regression import (
     InverseFit,
@@ -106,24 +108,19 @@ def greybox_by_inverse(experiments: Sequence[Experiment], drive: Drive, free: Se
         fit, drive, alone.drive, line, _held_value_covariance(fit, options.known), structure)
     repeats = repeatability_of(recording_estimates(fit), line)
     lines, covariance, varies = with_scatter(lines, covariance, alone.own, repeats, alone.drive)
-    lines, sums, joint = with_sums_of_constant_torques(
-        lines, alone.drive, alone.own, (*(options.known.names if options.known else ()), *options.hold),
-        lambda further: _if_freed(fit, further))
-    more = (*more, *varies, *joint)
+    more = (*more, *varies)
     f, figures, exhibits = _torque_figures(fit, alone)
     heavy = significant_laws(laws, experiments)
     findings += [*more, *([model_error(heavy, next(iter(heavy)))] if heavy else []),
                  *(() if reference else _open_loop_findings(experiments, sensor))]
-    if f.over_sd > MAX_RESIDUAL_OVER_SD:
-        findings.append(_explains_nothing_finding(f.over_sd))
-        lines = without_intervals(lines, "the inverse model explains none of the torque", "not-identifiable")
-        covariance, sums = None, ()
-    return estimate_from_fit(
+    return judged(estimate_from_fit(
         "greybox", experiments, alone.drive, lines, covariance, outcome=_outcome_sentence(fit, reference),
-        fit=figures, findings=findings, exhibits=exhibits, laws=laws, ratios=sums,
+        fit=figures, findings=findings, exhibits=exhibits, laws=laws,
         explanation=f"{len(laws)} further effect{'s' if len(laws) > 1 else ''} fitted in addition to the drive "
         "model." if laws else "",
-        details={"criterion": "inverse", "outputs": ["motor_torque"], "instruments": reference or "none"})
+        details={"criterion": "inverse", "outputs": ["motor_torque"], "instruments": reference or "none"}), (
+        lambda e: _explained_torque(e, f.over_sd),
+        lambda e: sums_of_constant_torques(e, alone.own, options, lambda further: _if_freed(fit, further))))
 
 
 def check_inverse_options(drive: Drive, free: Sequence[str], options: Options) -> None:
@@ -322,9 +319,13 @@ def _open_loop_findings(experiments: Sequence[Experiment], sensor: str) -> list[
         "motion is more efficient.", {}, "Compare with --criterion auto.")]
 
 
-def _explains_nothing_finding(relative: float) -> Finding:
-    return Finding(
+def _explained_torque(estimate: Estimate, relative: float) -> Verdict:
+    """Nothing is identified by a motion that explains nothing; relative: the residual over the torque's std."""
+    if relative <= MAX_RESIDUAL_OVER_SD:
+        return Verdict()
+    return Verdict([Finding(
         "failure", "explains-nothing",
         f"The inverse model explains none of the logged torque: the residual is {relative:.2f} times the standard "
         "deviation of the torque.", {"error_over_sd": relative},
-        "Check the channels, units and signs; run drivetool inspect.")
+        "Check the channels, units and signs; run drivetool inspect.")],
+        masked(estimate, "the inverse model explains none of the torque"))

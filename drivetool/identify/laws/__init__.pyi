@@ -26,7 +26,7 @@ from .laws import (
 from .missing_structure import (
     can_be_tested as can_be_tested,
     find_missing_structure as find_missing_structure,
-    report_missing_structure as report_missing_structure,
+    missing_structure as missing_structure,
 )
 from .projected_parameters import (
     projected_within_bounds as projected_within_bounds,

@@ -11,9 +11,9 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from drivetool.finding import Finding
-from drivetool.identify.estimate import Estimate
+from drivetool.identify.estimate import Estimate, Verdict, masked
 from drivetool.identify.fit import by_noise_continuation, looks_coloured, shaft_torque_row, with_coloured_noise
-from drivetool.identify.identifiability import without_shaft_intervals
+from drivetool.identify.identifiability import names_joined_by
 from drivetool.identify.laws.third_mass import third_mass_names, third_mass_score_test, with_split_load
 from drivetool.identify.noise import (
     Fit,
@@ -106,14 +106,15 @@ def _likelihood_gain(outcome: Outcome, fit: Fit | None, rival: Outcome) -> float
     return min(outcome.fit.value, rival.fit.value, with_its_noise) - fit.value
 
 
-def report_missing_structure(estimate: Estimate, lack: MissingStructure | None, shaft: str) -> Estimate:
-    """The estimate with the finding, and without intervals of the shaft and of the inertias that it joins."""
+def missing_structure(estimate: Estimate, lack: MissingStructure | None) -> Verdict:
+    """What a missing gap or third mass biases: the first shaft and the inertias that it joins have no interval."""
     if lack is None:
-        return estimate
+        return Verdict()
+    shaft = estimate.drive.shafts[0]
     finding = missing_gap_finding(lack, shaft) if lack.code == "gap-left-out" else missing_mass_finding(lack)
     what = "a gap" if lack.code == "gap-left-out" else "a third mass"
-    estimate = without_shaft_intervals(estimate, shaft, f"{what} is missing in the model and biases all fits")
-    return replace(estimate, findings=(*estimate.findings, finding))
+    return Verdict([finding], masked(estimate, f"{what} is missing in the model and biases all fits",
+                                     names=names_joined_by(estimate.drive, shaft)))
 
 
 def missing_gap_finding(lack: MissingStructure, shaft: str) -> Finding:

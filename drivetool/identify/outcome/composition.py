@@ -13,28 +13,32 @@ from drivetool.drive import TOTALS, Drive
 from drivetool.drive.simulation import Trace
 from drivetool.finding import Finding
 from drivetool.identify.estimate import (
+    NOT_CONVERGED_TEXT,
     Covariance,
     Estimate,
     Parameter,
     PlotData,
     StartsSection,
+    Verdict,
     covariance_of,
     estimate_from_fit,
     explains_to_rounding,
     fit_percent,
     free_run_figures,
+    judged,
+    masked,
     parameters_of,
     record_picture,
     rounding_finding,
     sensitivity_to_held,
-    without_intervals,
 )
 from drivetool.identify.fit import free_run, looks_coloured, whole_run_findings
 from drivetool.identify.identifiability import (
+    if_freed,
+    lumped_friction,
     lumped_on_last_body,
-    only_ratios,
-    without_joint_intervals,
-    without_torque_intervals,
+    ratios_of_torques,
+    sums_of_constant_torques,
 )
 from drivetool.identify.laws import Explanation, with_total_uncertainty
 from drivetool.identify.noise import filtered_normal_equations
@@ -80,7 +84,7 @@ def compose(step: str, before: Drive, outcome: Outcome, options: Options, findin
     alone        without an explanation: why there is none
     """
     task, own = outcome.task, outcome.fitted if explanation is None else explanation.own
-    lines, covariance, sums, more = _parameter_lines(before, own, outcome, options, explanation)
+    lines, covariance, more = _parameter_lines(before, own, outcome, options, explanation)
     _, begun, runs = free_run(own, noise=outcome.fit.noise if outcome.fit else None)
     traces = own.problem(free=()).traces
     figures = outcome_figures(outcome, traces, runs, explanation.figures if explanation else None)
@@ -92,11 +96,23 @@ def compose(step: str, before: Drive, outcome: Outcome, options: Options, findin
         last = [rounding_finding(f"the {role.replace('_', ' ')}", figures["rmse"], unit)]
     elif not (explanation and explanation.torque_explains_nothing):
         last += whole_run_findings(own, outcome, begun, figures["simulation_fit_percent"], options.seed, covariance)
-    return estimate_from_outcome(
+    return judged(estimate_from_outcome(
         step, own.drive, lines, covariance, outcome, fit=figures | dict(fit or {}), details=details or {},
         findings=(*findings, *more), last_findings=last, exhibits=record_plots(outcome, traces, runs),
         starts=starts_of(outcome), repeats=repeats, explanation=explanation.sentence if explanation else alone,
-        laws=explanation.laws if explanation else (), ratios=sums)
+        laws=explanation.laws if explanation else ()), (
+        lambda e: _convergence(e, outcome, explanation),
+        lambda e: ratios_of_torques(e, outcome),
+        lambda e: sums_of_constant_torques(e, own.free, options, lambda further: if_freed(outcome, further)),
+        lambda e: lumped_friction(e, own.free)))
+
+
+def _convergence(estimate: Estimate, outcome: Outcome, explanation: Explanation | None) -> Verdict:
+    """Nothing has an interval after a fit that has not converged, or whose torque explains nothing."""
+    ended = [_not_converged_finding(outcome)] if not_converged(outcome) else []
+    if explanation is not None and explanation.torque_explains_nothing:
+        return Verdict(ended, masked(estimate, "the logged torque explains nothing"))
+    return Verdict(ended, masked(estimate, NOT_CONVERGED_TEXT, None) if ended else ())
 
 
 def estimate_from_outcome(step: str, drive: Drive, lines: Sequence[Parameter], covariance: Covariance | None,
@@ -117,9 +133,8 @@ def estimate_from_outcome(step: str, drive: Drive, lines: Sequence[Parameter], c
 
 def _parameter_lines(before: Drive, own: Task, outcome: Outcome, options: Options,
                      explanation: Explanation | None,
-                     ) -> tuple[tuple[Parameter, ...], Covariance | None, tuple[Parameter, ...],
-                                tuple[Finding, ...]]:
-    """The lines of the table, their covariance, sums of what is identified jointly, and what is not identifiable.
+                     ) -> tuple[tuple[Parameter, ...], Covariance | None, tuple[Finding, ...]]:
+    """The lines of the table, their covariance, and what is not identifiable or contradicts a given value.
 
     own  the task at the reported values
     """
@@ -142,19 +157,7 @@ def _parameter_lines(before: Drive, own: Task, outcome: Outcome, options: Option
                                          problem.variance(outcome.solution.cost))]
     repeats = repeatability_of([] if not_converged(outcome) else recording_estimates(outcome), line)
     lines, covariance, varies = with_scatter(lines, covariance, names, repeats, own.drive)
-    more += varies
-    if only_ratios(outcome):
-        lines, ratios = without_torque_intervals(lines, outcome)
-        findings, more = (), [*more, ratios]
-    stated = (*(known.names if known else ()), *options.hold)
-    lines, sums, joint = without_joint_intervals(lines, outcome, own, stated)
-    more += joint
-    if not_converged(outcome):
-        lines, covariance, sums, more = without_intervals(lines), None, (), [*more, _not_converged_finding(outcome)]
-    if explanation is not None and explanation.torque_explains_nothing:
-        lines = without_intervals(lines, "the logged torque explains nothing", "not-identifiable")
-        covariance, sums = None, ()
-    return lines, covariance, sums, (*findings, *more, *held)
+    return lines, covariance, (*findings, *more, *varies, *held)
 
 
 def _known_start_details(task: Task) -> dict[str, object]:

@@ -1,0 +1,63 @@
+"""The one stage that every estimate passes: what its checks say is applied here, and nowhere else."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Collection, Iterable, Sequence
+from dataclasses import dataclass, replace
+from functools import reduce
+
+from drivetool.finding import Finding
+from drivetool.identify.estimate.estimate import Estimate, Parameter, PlotData
+from drivetool.identify.estimate.lines import with_intervals_only
+from drivetool.identify.estimate.sections import Status
+
+
+@dataclass(frozen=True)
+class Verdict:
+    """What one check says of an estimate.
+
+    findings  of the check
+    lines     parameters that it states otherwise: without an interval, or with another one
+    ratios    further figures, such as a sum that is identified where its parts are not
+    exhibits  further pictures
+    """
+
+    findings: Sequence[Finding] = ()
+    lines: Sequence[Parameter] = ()
+    ratios: Sequence[Parameter] = ()
+    exhibits: Sequence[PlotData] = ()
+
+
+NOT_CONVERGED_TEXT = "the fit did not converge"  # why nothing has an interval
+
+Check = Callable[[Estimate], Verdict]
+
+
+def judged(estimate: Estimate, checks: Iterable[Check]) -> Estimate:
+    """The estimate after its checks, in their order: each sees what those before it left."""
+    return reduce(_with_verdict, checks, estimate)
+
+
+def _with_verdict(estimate: Estimate, check: Check) -> Estimate:
+    """The estimate with what a check says: a parameter without an interval has no covariance, either.
+
+    Where the check states a parameter otherwise, its finding replaces that of the fit on its identifiability.
+    """
+    verdict = check(estimate)
+    stated = {p.name: p for p in verdict.lines}
+    lines = tuple(stated.get(p.name, p) for p in estimate.parameters)
+    others = (f for f in estimate.findings if not (f.code == "not-identifiable" and f.parameter in stated))
+    return replace(
+        estimate, parameters=lines, covariance=with_intervals_only(estimate.covariance, lines),
+        findings=(*others, *verdict.findings), ratios=(*estimate.ratios, *verdict.ratios),
+        exhibits=(*estimate.exhibits, *verdict.exhibits))
+
+
+def masked(estimate: Estimate, reason: str, status: Status | None = "not-identifiable",
+           names: Collection[str] | None = None) -> tuple[Parameter, ...]:
+    """The fitted parameters of an estimate, each without its interval for one reason.
+
+    status  of these lines; None: as it is; names: of which parameters; None: of all
+    """
+    return tuple(p.without_interval(reason, status) for p in estimate.parameters
+                 if p.status in ("fitted", "at-bound") and (names is None or p.name in names))
