@@ -31,7 +31,6 @@ CODE_READERS = {
     ("identify/inverse/estimator.py", "_parameter_lines"): SORTED,
     ("identify/estimate/verdict.py", "_with_verdict"): SORTED,
     ("identify/blackbox/shaft_torque_fit.py", "with_shaft_torque"): SORTED,
-    ("identify/shaft_torque/sides.py", "with_friction_of_file"): SORTED,
     ("logs/door/build.py", "_experiment_on_grid"): SORTED,
     ("logs/clocks/resample.py", "_require_overlap"): "quotes the finding in an error"}
 OWN = set(CODES) - set(CAUSES)  # a cause of a diagnosis has a code too

@@ -28,7 +28,7 @@ from drivetool.check.verdict.which_body import unidentified_body_findings
 from drivetool.drive import Drive
 from drivetool.errors import DriveToolError
 from drivetool.finding import Finding
-from drivetool.identify.estimate import Estimate, PlotData, judged
+from drivetool.identify.estimate import Estimate, PlotData
 from drivetool.identify.identifiability import uncrossed_gaps, without_upper_limit
 from drivetool.identify.noise import (
     Fit,
@@ -130,9 +130,9 @@ def estimate_of(search: SearchResult, before: Drive, options: DiagnoseOptions) -
                                              converged))
     outcome, least = uncrossed_gaps(outcome)
     start = replace(task.drive, values={**task.drive.values, **before.values})
-    estimate = judged(
-        compose("diagnose", start, outcome, Options(), correlated=correlated_errors_finding(search.faults)),
-        [partial(without_upper_limit, name=name, low=low) for name, low in least.items()])
+    estimate = compose(
+        "diagnose", start, outcome, Options(), correlated=correlated_errors_finding(search.faults),
+        checks=[partial(without_upper_limit, name=name, low=low) for name, low in least.items()])
     return replace(estimate, options={"candidates": list(options.candidates), "error_budget": options.error_budget,
                                       "seed": options.seed})
 

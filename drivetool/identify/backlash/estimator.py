@@ -24,7 +24,6 @@ from drivetool.identify.estimate import (
     Verdict,
     covariance_of,
     in_order,
-    judged,
     line_of,
 )
 from drivetool.identify.fit import (
@@ -70,9 +69,9 @@ from drivetool.identify.shaft_torque import (
     dead_stretch_details,
     fit_gap_laws,
     fit_gap_laws_from,
+    friction_of_file,
     gap_law_findings,
     has_sides,
-    with_friction_of_file,
     with_frictions,
     with_identified_friction,
 )
@@ -136,19 +135,19 @@ def backlash(experiments: Sequence[Experiment], drive: Drive, options: Options) 
                 and g not in lower_limits and (found := _profile_if_wide(outcome, g)) is not None}
     # A gap that may be closed has no law.
     opens = all(found.low is not None or found.high is None for found in profiles.values())
-    estimate = compose(
-        "backlash", drive, outcome, options, explanation.findings if explanation else (),
+    findings = (*torque_timing(white), *suspect_channel_findings(task, outcome.drive),
+                *gap_law_findings(laws, outcome, free, not not_converged(outcome), opens),
+                *(explanation.findings if explanation else ()))
+    return compose(
+        "backlash", drive, outcome, options, findings,
         {"contact": _contact_counts(outcome, drive, gaps), **(dead_stretch_details(laws) if laws else {})},
-        explanation=explanation, alone=fit.alone)
-    estimate = with_friction_of_file(estimate, outcome, options, free, explanation)
-    about_law = gap_law_findings(laws, outcome, free, not not_converged(outcome), opens)
-    return judged(estimate, (
-        lambda _: Verdict((*torque_timing(white), *suspect_channel_findings(task, outcome.drive), *about_law)),
-        *(partial(_by_profile, name=name, found=found) for name, found in profiles.items()),
-        *(partial(without_upper_limit, name=name, low=low) for name, low in lower_limits.items()),
-        lambda e: ambiguous_gaps(e, outcome, gaps),
-        lambda e: _uncrossed(e, gaps),
-        lambda e: low_inertia(e, outcome, gaps, freed and [n for n in freed.free if n not in free])))
+        explanation=explanation, alone=fit.alone, checks=(
+            lambda e: friction_of_file(e, outcome, options, free, explanation),
+            *(partial(_by_profile, name=name, found=found) for name, found in profiles.items()),
+            *(partial(without_upper_limit, name=name, low=low) for name, low in lower_limits.items()),
+            lambda e: ambiguous_gaps(e, outcome, gaps),
+            lambda e: _uncrossed(e, gaps),
+            lambda e: low_inertia(e, outcome, gaps, freed and [n for n in freed.free if n not in free])))
 
 
 def _with_likelier_law(white: Outcome, requested: Options) -> tuple[GapLaws | None, Outcome]:

@@ -114,7 +114,7 @@ def estimate_of(physical: PhysicalModel, outcome: Outcome, gain: float) -> Estim
     return estimate_from_outcome(
         "blackbox", after, lines, _covariance(physical, lines, numbers, uncertainty), outcome, fit=figures,
         details={**detail, "log_likelihood_gain_of_the_shaft": gain if np.isfinite(gain) else None},
-        findings=own, last_findings=[CORRELATED] if still_correlated(outcome) else [],
+        findings=[*own, *([CORRELATED] if still_correlated(outcome) else [])],
         exhibits=(*record_plots(outcome, traces, runs), bode(form, outcome, drive)))
 
 

@@ -46,15 +46,18 @@ def without_outliers(outcome: Outcome) -> tuple[Outcome, list[Finding]]:
 
 
 def _without_far_samples(outcome: Outcome) -> tuple[Task, list[float]]:
-    """(the task with far samples missing, their times [s]); no times if there are none or too many."""
+    """(the task with far samples missing, their times [s]); no times if there are none or too many.
+
+    A stretch with more noise than the others has a scale of its own.
+    """
     errors = [f.innovations / np.sqrt(f.variance) for f in outcome.fit.passes]
     whole = np.concatenate(errors)
     middle = np.nanmedian(whole, axis=0)
-    scale = STD_PER_MAD * np.nanmedian(np.abs(whole - middle), axis=0)
-    with np.errstate(invalid="ignore", divide="ignore"):
-        far = [np.abs(z - middle) > REFIT_OUTLIER_STDS * scale for z in errors]
+    typical = np.nanmedian(np.abs(whole - middle), axis=0)
+    distances = [np.where(np.isfinite(z), np.abs(z - middle), typical) for z in errors]
+    far = [d > REFIT_OUTLIER_STDS * STD_PER_MAD * np.maximum(typical, np.median(d, axis=0)) for d in distances]
     count = int(sum(f.sum() for f in far))
-    if not count or count > MAX_REFIT_OUTLIER_SHARE * whole.size or not np.all(scale > 0.0):
+    if not count or count > MAX_REFIT_OUTLIER_SHARE * whole.size or not np.all(typical > 0.0):
         return outcome.task, []
     traces, times, experiments = iter(far), [], []
     for e in outcome.task.experiments:

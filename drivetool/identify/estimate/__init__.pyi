@@ -44,7 +44,7 @@ from .sections import (
 )
 from .verdict import (
     NOT_CONVERGED_TEXT as NOT_CONVERGED_TEXT,
+    Check as Check,
     Verdict as Verdict,
-    judged as judged,
     masked as masked,
 )

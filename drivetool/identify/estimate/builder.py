@@ -12,6 +12,7 @@ from drivetool.finding import Finding
 from drivetool.identify.estimate.estimate import Covariance, Estimate, Parameter, PlotData
 from drivetool.identify.estimate.lines import with_intervals_only
 from drivetool.identify.estimate.percent import fit_percent
+from drivetool.identify.estimate.verdict import Check, judged
 from drivetool.logs import Experiment, recording_sources
 
 Figures = Mapping[str, float | int | None]
@@ -19,15 +20,17 @@ Figures = Mapping[str, float | int | None]
 
 def estimate_from_fit(step: str, experiments: Sequence[Experiment], drive: Drive, lines: Sequence[Parameter],
                       covariance: Covariance | None, *, outcome: str, fit: Figures,
-                      findings: Iterable[Finding] = (), exhibits: Iterable[PlotData] = (), **more: Any) -> Estimate:
-    """The estimate of a step.
+                      findings: Iterable[Finding] = (), exhibits: Iterable[PlotData] = (),
+                      checks: Iterable[Check] = (), **more: Any) -> Estimate:
+    """The estimate of a step, after its checks.
 
     experiments  that were fitted; drive: with its fitted values
     covariance   of fitted parameters; those of them that have no interval are left out
     more         further fields of `Estimate`
     """
-    return Estimate(step, drive, tuple(lines), outcome, fit, with_intervals_only(covariance, lines),
-                    findings=tuple(findings), data=recording_sources(experiments), exhibits=tuple(exhibits), **more)
+    return judged(Estimate(
+        step, drive, tuple(lines), outcome, fit, with_intervals_only(covariance, lines), findings=tuple(findings),
+        data=recording_sources(experiments), exhibits=tuple(exhibits), **more), checks)
 
 
 def free_run_figures(measured: np.ndarray, simulated: np.ndarray, one_step: float | None,

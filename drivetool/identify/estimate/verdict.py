@@ -3,11 +3,11 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Collection, Iterable, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import KW_ONLY, dataclass, replace
 from functools import reduce
 
 from drivetool.finding import Finding
-from drivetool.identify.estimate.estimate import Estimate, Parameter, PlotData
+from drivetool.identify.estimate.estimate import Covariance, Estimate, Parameter, PlotData
 from drivetool.identify.estimate.lines import with_intervals_only
 from drivetool.identify.estimate.sections import Status
 
@@ -16,16 +16,20 @@ from drivetool.identify.estimate.sections import Status
 class Verdict:
     """What one check says of an estimate.
 
-    findings  of the check
-    lines     parameters that it states otherwise: without an interval, or with another one
-    ratios    further figures, such as a sum that is identified where its parts are not
-    exhibits  further pictures
+    findings    of the check; replaces: codes of the findings before it in whose place they stand
+    lines       parameters that it states otherwise: without an interval, or with another one
+    covariance  of all parameters that have an interval; None: as it is
+    ratios      further figures, such as a sum that is identified where its parts are not
+    exhibits    further pictures
     """
 
     findings: Sequence[Finding] = ()
     lines: Sequence[Parameter] = ()
+    _: KW_ONLY
+    covariance: Covariance | None = None
     ratios: Sequence[Parameter] = ()
     exhibits: Sequence[PlotData] = ()
+    replaces: Sequence[str] = ()
 
 
 NOT_CONVERGED_TEXT = "the fit did not converge"  # why nothing has an interval
@@ -46,9 +50,11 @@ def _with_verdict(estimate: Estimate, check: Check) -> Estimate:
     verdict = check(estimate)
     stated = {p.name: p for p in verdict.lines}
     lines = tuple(stated.get(p.name, p) for p in estimate.parameters)
-    others = (f for f in estimate.findings if not (f.code == "not-identifiable" and f.parameter in stated))
+    others = (f for f in estimate.findings if f.code not in verdict.replaces
+              and not (f.code == "not-identifiable" and f.parameter in stated))
     return replace(
-        estimate, parameters=lines, covariance=with_intervals_only(estimate.covariance, lines),
+        estimate, parameters=lines,
+        covariance=with_intervals_only(verdict.covariance or estimate.covariance, lines),
         findings=(*others, *verdict.findings), ratios=(*estimate.ratios, *verdict.ratios),
         exhibits=(*estimate.exhibits, *verdict.exhibits))
 

@@ -17,7 +17,7 @@ from drivetool.drive import TOTALS, Drive
 from drivetool.errors import BadOption, DriveToolError
 from drivetool.finding import Finding
 from drivetool.identify.channels import feedback_in, suspect_channel_findings, torque_timing, without_outliers
-from drivetool.identify.estimate import Estimate, Verdict, fit_percent, judged
+from drivetool.identify.estimate import Estimate, Verdict, fit_percent
 from drivetool.identify.fit import (
     by_innovations,
     by_simulation,
@@ -59,7 +59,7 @@ from drivetool.identify.setup import (
     shared_free_names,
     starts_or_stops,
 )
-from drivetool.identify.shaft_torque import with_friction_of_file, with_frictions, with_identified_friction
+from drivetool.identify.shaft_torque import friction_of_file, with_frictions, with_identified_friction
 from drivetool.logs import Experiment
 from drivetool.logs.samples import without_unmeasured
 from drivetool.quantity import name_of, names_of, owner_of, quantity_of
@@ -104,25 +104,29 @@ def greybox(experiments: Sequence[Experiment], drive: Drive, options: Options) -
     chosen_fit = default_fit(white, options, bool(lower_limits))
     explanation, outcome = chosen_fit.explanation, chosen_fit.outcome
     figures, findings = ({}, list(explanation.findings)) if explanation else both_criteria(outcome, options)
-    model_lacks = explanation.lacks_law if explanation else bool(findings)
+    lacks_law = explanation.lacks_law if explanation else bool(findings)
     worthless = explanation is not None and explanation.torque_explains_nothing
     explained_well = explanation is not None and not worthless
     found = explanation.own.drive if explained_well else outcome.drive
-    findings = [*outlier_findings, *suspect_channel_findings(task, found, explained_well), *findings]
+    findings = [*torque_timing(white), *outlier_findings, *suspect_channel_findings(task, found, explained_well),
+                *findings]
     figures["noise_parameters"] = 0 if outcome.fit is None else outcome.fit.noise.parameters
-    estimate = compose("greybox", drive, outcome, options, findings, {}, figures, explanation,
-                       alone=chosen_fit.alone)
-    estimate = with_friction_of_file(estimate, outcome, options, free, explanation)
-    no_convergence = not_converged(outcome)
-    model_incomplete = estimate.repeats or model_lacks or no_convergence
-    contradicted = contradicted_held_values(task, white, options, requested) if model_incomplete else ()
-    opens = (outcome.drive.shafts and not has_gap(outcome.task) and model_incomplete
-             and not can_be_tested(*chosen_fit.rivals[:2]))
-    return judged(estimate, (
-        lambda _: Verdict((*contradicted, *torque_timing(white))),
-        lambda _: Verdict(opened_gap_findings(outcome.fitted, "the fitted model has none") if opens else ()),
+    failed = not_converged(outcome)
+    untested = (drive.shafts and not has_gap(outcome.task) and not can_be_tested(*chosen_fit.rivals[:2]))
+
+    def model_lacks(estimate: Estimate) -> Verdict:
+        """What the model may lack: a held value that is wrong, or a gap for which no fit was tried."""
+        if not (estimate.repeats or failed or lacks_law):
+            return Verdict()
+        return Verdict((*contradicted_held_values(task, white, options, requested),
+                        *(opened_gap_findings(outcome.fitted, "the fitted model has none") if untested else ())))
+
+    return compose("greybox", drive, outcome, options, findings, {}, figures, explanation, alone=chosen_fit.alone,
+                   checks=(
+        lambda e: friction_of_file(e, outcome, options, free, explanation),
+        model_lacks,
         *(partial(without_upper_limit, name=name, low=low) for name, low in lower_limits.items()),
-        lambda _: Verdict(torque_in_feedback(no_convergence or worthless, task)),
+        lambda _: Verdict(torque_in_feedback(failed or worthless, task)),
         lambda e: insignificant_shafts(e, shaft_gain(white)),
         lambda e: missing_structure(e, find_missing_structure(*chosen_fit.rivals) if drive.shafts else None)))
 

@@ -112,7 +112,7 @@ def sums_of_constant_torques(estimate: Estimate, free: Sequence[str], options: O
         reason = f"the drive turns one way, which identifies only {_stated(total)}"
         changed |= {name: reason for name in (p.name, other)}
     return Verdict(_sum_findings(sums), [p.without_interval(changed[p.name], "not-identifiable")
-                                         for p in estimate.parameters if p.name in changed], sums)
+                                         for p in estimate.parameters if p.name in changed], ratios=sums)
 
 
 def _stated(total: Parameter) -> str:

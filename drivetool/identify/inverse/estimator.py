@@ -25,7 +25,6 @@ from drivetool.identify.estimate import (
     Verdict,
     covariance_of,
     estimate_from_fit,
-    judged,
     masked,
     parameters_of,
 )
@@ -113,14 +112,14 @@ def greybox_by_inverse(experiments: Sequence[Experiment], drive: Drive, free: Se
     heavy = significant_laws(laws, experiments)
     findings += [*more, *([model_error(heavy, next(iter(heavy)))] if heavy else []),
                  *(() if reference else _open_loop_findings(experiments, sensor))]
-    return judged(estimate_from_fit(
+    return estimate_from_fit(
         "greybox", experiments, alone.drive, lines, covariance, outcome=_outcome_sentence(fit, reference),
         fit=figures, findings=findings, exhibits=exhibits, laws=laws,
         explanation=f"{len(laws)} further effect{'s' if len(laws) > 1 else ''} fitted in addition to the drive "
         "model." if laws else "",
-        details={"criterion": "inverse", "outputs": ["motor_torque"], "instruments": reference or "none"}), (
-        lambda e: _explained_torque(e, f.over_sd),
-        lambda e: sums_of_constant_torques(e, alone.own, options, lambda further: _if_freed(fit, further))))
+        details={"criterion": "inverse", "outputs": ["motor_torque"], "instruments": reference or "none"}, checks=(
+            lambda e: _explained_torque(e, f.over_sd),
+            lambda e: sums_of_constant_torques(e, alone.own, options, lambda further: _if_freed(fit, further))))
 
 
 def check_inverse_options(drive: Drive, free: Sequence[str], options: Options) -> None:

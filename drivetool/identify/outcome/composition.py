@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import replace
 from functools import reduce
 from typing import Any
@@ -14,6 +14,7 @@ from drivetool.drive.simulation import Trace
 from drivetool.finding import Finding
 from drivetool.identify.estimate import (
     NOT_CONVERGED_TEXT,
+    Check,
     Covariance,
     Estimate,
     Parameter,
@@ -25,7 +26,6 @@ from drivetool.identify.estimate import (
     explains_to_rounding,
     fit_percent,
     free_run_figures,
-    judged,
     masked,
     parameters_of,
     record_picture,
@@ -72,7 +72,7 @@ CORRELATED = Finding(
 def compose(step: str, before: Drive, outcome: Outcome, options: Options, findings: Sequence[Finding] = (),
             details: Mapping[str, object] | None = None,
             fit: Mapping[str, float | int | None] | None = None, explanation: Explanation | None = None,
-            correlated: Finding = CORRELATED, alone: str = "") -> Estimate:
+            correlated: Finding = CORRELATED, alone: str = "", checks: Iterable[Check] = ()) -> Estimate:
     """The Estimate of a step.
 
     before    the drive with its start values
@@ -82,6 +82,7 @@ def compose(step: str, before: Drive, outcome: Outcome, options: Options, findin
     explanation  whose fit the outcome is; the drive is reported without its laws
     correlated   the finding where one-step prediction errors are still correlated
     alone        without an explanation: why there is none
+    checks       of the step, after those of every fit
     """
     task, own = outcome.task, outcome.fitted if explanation is None else explanation.own
     lines, covariance, more = _parameter_lines(before, own, outcome, options, explanation)
@@ -96,15 +97,15 @@ def compose(step: str, before: Drive, outcome: Outcome, options: Options, findin
         last = [rounding_finding(f"the {role.replace('_', ' ')}", figures["rmse"], unit)]
     elif not (explanation and explanation.torque_explains_nothing):
         last += whole_run_findings(own, outcome, begun, figures["simulation_fit_percent"], options.seed, covariance)
-    return judged(estimate_from_outcome(
+    return estimate_from_outcome(
         step, own.drive, lines, covariance, outcome, fit=figures | dict(fit or {}), details=details or {},
-        findings=(*findings, *more), last_findings=last, exhibits=record_plots(outcome, traces, runs),
+        findings=(*findings, *more, *last), exhibits=record_plots(outcome, traces, runs),
         starts=starts_of(outcome), repeats=repeats, explanation=explanation.sentence if explanation else alone,
-        laws=explanation.laws if explanation else ()), (
-        lambda e: _convergence(e, outcome, explanation),
-        lambda e: ratios_of_torques(e, outcome),
-        lambda e: sums_of_constant_torques(e, own.free, options, lambda further: if_freed(outcome, further)),
-        lambda e: lumped_friction(e, own.free)))
+        laws=explanation.laws if explanation else (), checks=(
+            lambda e: _convergence(e, outcome, explanation),
+            lambda e: ratios_of_torques(e, outcome),
+            lambda e: sums_of_constant_torques(e, own.free, options, lambda further: if_freed(outcome, further)),
+            lambda e: lumped_friction(e, own.free), *checks))
 
 
 def _convergence(estimate: Estimate, outcome: Outcome, explanation: Explanation | None) -> Verdict:
@@ -117,18 +118,17 @@ def _convergence(estimate: Estimate, outcome: Outcome, explanation: Explanation 
 
 def estimate_from_outcome(step: str, drive: Drive, lines: Sequence[Parameter], covariance: Covariance | None,
                           outcome: Outcome, *, details: Mapping[str, object], findings: Sequence[Finding],
-                          last_findings: Sequence[Finding], **more: Any) -> Estimate:
+                          **more: Any) -> Estimate:
     """The estimate of a step, with what every outcome of the engine states: its noise, its starts, how it ended.
 
-    findings  of the step, before those on the noise; last_findings: behind them
-    more      further arguments of `estimate_from_fit`
+    more  further arguments of `estimate_from_fit`
     """
     noise, noise_findings = noise_parameters(outcome)
     return estimate_from_fit(
         step, outcome.task.experiments, drive, lines, covariance, outcome=how_it_ended(outcome), noise=noise,
         details={**details, "starts": list(outcome.starts), "outputs": list(outcome.task.roles.outputs),
                  **_known_start_details(outcome.task)},
-        findings=(*findings, *noise_findings, *last_findings), **more)
+        findings=(*findings, *noise_findings), **more)
 
 
 def _parameter_lines(before: Drive, own: Task, outcome: Outcome, options: Options,

@@ -7,8 +7,8 @@ from .gap_laws import (
     gap_law_findings as gap_law_findings,
 )
 from .sides import (
+    friction_of_file as friction_of_file,
     has_sides as has_sides,
-    with_friction_of_file as with_friction_of_file,
     with_frictions as with_frictions,
     with_identified_friction as with_identified_friction,
 )

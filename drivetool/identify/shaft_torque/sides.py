@@ -7,13 +7,12 @@ friction is still collinear with its idle torque; then the estimate of an earlie
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import replace
 
 import numpy as np
 
 from drivetool.drive import TOTALS, Drive
 from drivetool.finding import Finding
-from drivetool.identify.estimate import Covariance, Estimate, covariance_of
+from drivetool.identify.estimate import Covariance, Estimate, Verdict, covariance_of
 from drivetool.identify.fit import (
     MAX_PART_STD_SHARE,
     refit,
@@ -80,9 +79,9 @@ def _unidentified_parts(outcome: Outcome, before: Drive, suffix: str) -> dict[st
     return found
 
 
-def with_friction_of_file(estimate: Estimate, outcome: Outcome, options: Options, free: Sequence[str],
-               explanation: Explanation | None) -> Estimate:
-    """The estimate with the file's values, intervals and covariances of friction that was to be fitted.
+def friction_of_file(estimate: Estimate, outcome: Outcome, options: Options, free: Sequence[str],
+                     explanation: Explanation | None) -> Verdict:
+    """The file's values, intervals and covariances of friction that was to be fitted.
 
     free  parameters to be fitted; of these `with_identified_friction` held what the record does not identify
     explanation  of which the outcome is the fit
@@ -90,18 +89,18 @@ def with_friction_of_file(estimate: Estimate, outcome: Outcome, options: Options
     found = held_value_sensitivity(outcome, options.known) if has_sides(outcome.drive, outcome.task.roles,
                                                                         options) else None
     if found is None:
-        return estimate
+        return Verdict()
     moved, held = found
     names = {n for n in free if n not in outcome.task.free and quantity_of(n) in TOTALS.values()} & set(held.names)
     if not names:
-        return estimate
+        return Verdict()
     order = outcome.task.free
     if explanation is not None:
         moved, order = explanation.line @ moved, explanation.own.free
     stds = dict(zip(held.names, np.sqrt(np.diag(held.matrix)), strict=True))
     reason = "as in the file: this record does not identify it"
-    lines = tuple(p.with_interval(float(stds[p.name])).replace(reason=reason) if p.name in names else p
-                  for p in estimate.parameters)
+    lines = [p.with_interval(float(stds[p.name])).replace(reason=reason) for p in estimate.parameters
+             if p.name in names]
     covariance, from_file = estimate.covariance, [n for n in held.names if n in names]
     if covariance is not None:
         rows = [order.index(n) for n in covariance.names]
@@ -114,5 +113,4 @@ def with_friction_of_file(estimate: Estimate, outcome: Outcome, options: Options
         "of the parameter file is kept, and all intervals include its uncertainty.",
         {n: float(stds[n]) for n in from_file},
         "Record steps about speeds that differ more, or hold each speed for longer.")
-    findings = [f for f in estimate.findings if f.code != "held-values-dominate"]
-    return replace(estimate, parameters=lines, covariance=covariance, findings=(*findings, note))
+    return Verdict([note], lines, covariance=covariance, replaces=["held-values-dominate"])
