@@ -346,6 +346,12 @@ def scattered():
     return logs
 
 
+def turned():
+    """Friction in both directions, by a torque of the wrong sign."""
+    speed, torque = records((20.0, -20.0, 40.0, -40.0, 60.0, -60.0), seed=2, dwell=6.0)
+    return [experiment(speed[:, 0], -np.sign(speed[:, 0]) * (0.1 * np.abs(speed[:, 0]) + 2.0))]
+
+
 def one_jerk():
     """At rest but for a moment of wild motion."""
     rng = np.random.default_rng(1)
@@ -358,6 +364,7 @@ REFUSED = {
     "none": (lambda: [swinging()], ["intervals of constant speed", "none in log.parquet", "several speeds"]),
     "standstill": (lambda: [one_jerk()], ["other than zero", "only standstill"]),
     "scatter": (scattered, ["close to a friction line", "scatter", "Keep the load constant"]),
+    "turned": (turned, ["close to a friction line", "against the motion in both directions", "sign: -1"]),
 }
 
 

@@ -143,7 +143,12 @@ def refuse_scatter(points: SteadyPoints, line: FrictionLine, what: str) -> None:
     """
     rms = float(np.sqrt(np.mean(points.torque**2)))
     if line.dof > 0 and line.unexplained and line.rmse > 0.5 * rms:
+        way = np.sign(points.speed)
+        # A load drives in one direction only.
+        brakes = len(set(way)) > 1 and bool(np.all(way * points.torque < 0.0))
         raise NotEnoughData(
             f"steady points close to a friction line ({what})",
             f"a scatter of {line.rmse:.3g} about the line, with an rms torque of {rms:.3g}",
+            "The torque is against the motion in both directions, where it should overcome friction: invert torque "
+            "or speed in the channel map, with sign: -1." if brakes else
             "Keep the load constant while the speed is stepped, and check both channels.")
