@@ -348,8 +348,8 @@ def scattered():
 
 def turned():
     """Friction in both directions, by a torque of the wrong sign."""
-    speed, torque = records((20.0, -20.0, 40.0, -40.0, 60.0, -60.0), seed=2, dwell=6.0)
-    return [experiment(speed[:, 0], -np.sign(speed[:, 0]) * (0.1 * np.abs(speed[:, 0]) + 2.0))]
+    speed = records((20.0, -20.0, 40.0, -40.0, 60.0, -60.0), seed=2, dwell=6.0)[0][:, 0]
+    return [experiment(speed, -np.sign(speed) * (0.1 * np.abs(speed) + 2.0))]
 
 
 def one_jerk():
