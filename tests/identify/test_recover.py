@@ -117,7 +117,8 @@ def test_the_linear_parameters_of_a_low_load_inertia_are_fitted_again(fitted):
     before = {p.name: p.std for p in linear.parameters}
     for line in estimate.parameters:
         if line.name in ("load.inertia", "shaft.stiffness"):
-            assert line.std < 0.3 * before[line.name]
+            assert line.std_noise < 0.3 * before[line.name]
+            assert line.std < 0.5 * before[line.name]  # with the disagreement of the candidates of the default fit
 
 
 @pytest.mark.slow

@@ -14,10 +14,10 @@ HOLD = ("motor.viscous", "motor.coulomb", "motor.idle_torque")
 SIZE = 4000
 
 
-def fitted(disturbance, seed):
-    """An inertia of one kg m^2 fitted alone, under a torque that was not logged."""
+def fitted(disturbance, seed, slow=1.0):
+    """An inertia of one kg m^2 fitted alone, under a torque that was not logged; slow: how many times slower."""
     rng = np.random.default_rng(seed)
-    torque = 5.0 * np.sin(0.05 * np.arange(SIZE))
+    torque = 5.0 / slow * np.sin(0.05 / slow * np.arange(SIZE))
     speed = np.cumsum(torque + disturbance) * STEP
     record = experiment(torque, np.concatenate([[0.0], speed[:-1]]) + 1e-3 * rng.standard_normal(SIZE))
     drive = one_body().with_values({"motor.inertia": 0.8})
@@ -49,6 +49,7 @@ def test_torque_noise_explains_a_poor_free_run(seed):
 def test_a_true_model_is_suspected_as_rarely_as_stated():
     """Once in a hundred, and only where the fit is below zero."""
     noise = [20.0 * np.random.default_rng([seed, 5]).standard_normal(SIZE) for seed in range(100)]
-    found = [fitted(walk, seed) for seed, walk in enumerate(noise)]
+    # Over a few periods a random walk may be opposed to the motion by the torque, and the mean is better than that.
+    found = [fitted(walk, seed, 20.0) for seed, walk in enumerate(noise)]
     assert sum(f.fit["simulation_fit_percent"] < 0.0 for f in found) > 10
     assert sum("free-run-not-explained" in {c.code for c in f.findings} for f in found) <= 4

@@ -63,7 +63,9 @@ def masked(estimate: Estimate, reason: str, status: Status | None = "not-identif
            names: Collection[str] | None = None) -> tuple[Parameter, ...]:
     """The fitted parameters of an estimate, each without its interval for one reason.
 
-    status  of these lines; None: as it is; names: of which parameters; None: of all
+    status  of these lines; None: as it is
+    names   of which parameters; those among them that were not identifiable before keep their reason; None: of all
     """
-    return tuple(p.without_interval(reason, status) for p in estimate.parameters
-                 if p.status in ("fitted", "at-bound") and (names is None or p.name in names))
+    fitted = ("fitted", "at-bound")
+    return tuple(p.without_interval(reason, status) if p.status in fitted else p for p in estimate.parameters
+                 if (p.status in fitted if names is None else p.name in names))
