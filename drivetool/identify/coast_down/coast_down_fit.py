@@ -18,6 +18,7 @@ from drivetool.identify.coast_down.stretches import Stretch
 from drivetool.identify.problem import Problem
 from drivetool.identify.setup import Roles, fed_by_voltages, first_states, problem_of
 from drivetool.logs import Experiment
+from drivetool.logs.samples import MAD_PER_STD
 
 # In which counts are placed by the speed of the fit before, at most. A choice: it bounds the time.
 MAX_PLACEMENT_ROUNDS = 12
@@ -38,6 +39,16 @@ MIN_FOLLOWED_MOTION = 0.9
 MAX_NULL_SHARE = 1e-3  # of a direction that is rounding: a parameter with a larger share in it is not identifiable
 # Of residuals over the speed, whose means test the friction law. A choice: they resolve its shape.
 SPEED_GROUPS = 40
+# Of the cosine series of these means, which have a test of their own: a missing law is smooth over the speed, and a
+# parabola is fitted already. A choice.
+SMOOTH_TERMS = 8
+# Degrees of freedom of a long-run variance by the median of some 40 overlapping differences: over 3000 records of
+# white and of filtered noise the test then alarms in less than its share.
+LONG_RUN_DOF = 12.0
+KNOWN_VARIANCE_DOF = 1e9  # of a variance that is known, as that of counts
+# Share of the range of a sensor, below which means of residuals are errors of the simulation. A choice: it is exact
+# to rounding with viscous and Coulomb friction, and to some 1e-8 with smooth laws.
+SIMULATION_ACCURACY = 1e-7
 
 
 @dataclass(frozen=True)
@@ -125,16 +136,30 @@ class CoastDownFit:
         return dict(zip(self.names, map(float, self.values), strict=True))
 
     @property
+    def long_run_variances(self) -> list[float]:
+        """Variance of means of the residuals of each run, times their number; 1 for counts, which err independently."""
+        return [1.0 if r.count else _long_run_variance(e[w != 0.0], SIMULATION_ACCURACY * float(
+            np.ptp(r.values[r.known])) / float(np.nanmedian(r.std)))
+                for r, e, w in zip(self.readings, self.by_run, self.speeds, strict=True)]
+
+    @property
     def misfit(self) -> float:
         """Probability by chance of means of the residuals over the speed as large as these.
 
-        Tested for counts alone: the noise of another sensor is not known to be white.
+        Their squares over the long-run variance of the sensor's noise, of all groups and of a smooth function of
+        the speed. The noise may be filtered: its variance is that of the differences of adjacent means.
         """
-        if not all(r.count for r in self.readings):
+        variances, sensors = self.long_run_variances, sum(not r.count for r in self.readings)
+        moving = self.speed != 0.0  # at rest a sensor may have another noise, or none
+        errors = np.concatenate([e / np.sqrt(v) for e, v in zip(self.by_run, variances, strict=True)])[moving]
+        groups = np.array_split(errors[np.argsort(self.speed[moving], kind="stable")], SPEED_GROUPS)
+        means = np.array([np.sqrt(len(g)) * g.mean() for g in groups if len(g)])
+        if not len(means):
             return 1.0
-        groups = np.array_split(self.weighted_residuals[np.argsort(self.speed, kind="stable")], SPEED_GROUPS)
-        square = sum(len(g) * float(g.mean()) ** 2 for g in groups if len(g))
-        return float(scipy.stats.chi2.sf(square, SPEED_GROUPS))
+        squares = scipy.fft.dct(means, norm="ortho") ** 2
+        dof = LONG_RUN_DOF * sensors if sensors else KNOWN_VARIANCE_DOF
+        return min(1.0, 2.0 * min(float(scipy.stats.f.sf(s.mean(), len(s), dof)) for s in (
+            squares, squares[:SMOOTH_TERMS])))
 
     @property
     def by_run(self) -> list[np.ndarray]:
@@ -302,3 +327,18 @@ def _covariances(rows: np.ndarray, residuals: np.ndarray, k: int) -> tuple[np.nd
     inflation[without_effect] = 1.0
     white = (inverse / np.outer(size, size))[:k, :k]
     return white * np.outer(inflation, inflation)[:k, :k], white
+
+
+def _long_run_variance(errors: np.ndarray, floor: float) -> float:
+    """Long-run variance of the noise in residuals (m,), by second differences of means over a speed group or half.
+
+    floor   of means, in units of the residuals
+    source  Hadamard variance (Baugh 1971); with the median it ignores a place where the motion changes at once
+    """
+    whole, sums = max(len(errors) // SPEED_GROUPS, 1), np.concatenate([[0.0], np.cumsum(errors)])
+    found = [floor**2 * whole]
+    for size in (whole, max(whole // 2, 1)):
+        means = (sums[size:] - sums[:-size]) / size
+        second = means[2 * size:] - 2.0 * means[size:-size] + means[:-2 * size]
+        found.append(size * float(np.median(np.abs(second))) ** 2 / (6.0 * MAD_PER_STD**2) if len(second) else 0.0)
+    return max(*found, 1e-300)

@@ -27,11 +27,12 @@ from drivetool.identify.coast_down.report import (
     ratio_covariance,
     ratio_lines,
     scatter_between_runs,
+    unexplained_misfit,
     unidentified,
 )
 from drivetool.identify.coast_down.stages import JointFit, fit_in_stages
 from drivetool.identify.coast_down.stretches import Stretch, stretches_of
-from drivetool.identify.estimate import Covariance, Estimate, Parameter, estimate_from_fit, held_line, line_of
+from drivetool.identify.estimate import Covariance, Estimate, Parameter, estimate_from_fit, held_line, line_of, without_intervals
 from drivetool.identify.setup import Options, fed_by_voltages
 from drivetool.logs import Experiment
 from drivetool.quantity import name_of, quantity_of, record_of
@@ -81,16 +82,21 @@ def coast_down(experiments: Sequence[Experiment], drive: Drive, options: Options
     ended = start.with_values(fitted.found)
     tested, further = _law_test(ended, runs, prior, fitted, spread.first)
     lines = _parameter_lines(own, ended, free, fitted, scale, held, both)
+    ratios = ratio_lines(ended, free, fitted)
+    unexplained = unexplained_misfit(tested, further)
+    if unexplained:
+        lines, ratios = (without_intervals(part, "no tested friction law explains the residual") for part in (
+            lines, ratios))
     values = {p.name: p.value for p in lines if np.isfinite(p.value)}
     result = estimate_from_fit(
         "steady", experiments, own.with_values(values), lines, Covariance(fitted.names, fitted.covariance),
         outcome=outcome_text(stretches, experiments, scale), fit=fit_figures(fitted, stretches),
         details={"scale": list(scale), "spans": _stretch_details(stretches, experiments),
                  "sensor": _sensor_details(fitted)} | (
-            {} if scale else {"ratio_covariance": ratio_covariance(ended, free, fitted)}),
-        findings=coast_down_findings(fitted, tested, stretches, experiments, scale, spread, further),
+            {} if scale or unexplained else {"ratio_covariance": ratio_covariance(ended, free, fitted)}),
+        findings=coast_down_findings(fitted, tested, stretches, experiments, scale, spread, further, held),
         exhibits=coast_down_plots(experiments, stretches, fitted, ended),
-        ratios=(*ratio_lines(ended, free, fitted), *no_load_speed(ended, free, fitted, runs)))
+        ratios=(*ratios, *no_load_speed(ended, free, fitted, runs)))
     if options.stages:
         joint = JointFit(experiments, stretches, runs, tuple(start_drives(start, free)), ended, fitted, prior,
                       own.values if scale else {})
@@ -173,8 +179,13 @@ def _law_test(ended: Drive, runs: Sequence[Run], prior: Prior, fitted: CoastDown
         runs, prior = [r for r in runs if not r.inputs.any()], NO_PRIOR
         fitted = fit(ended, [n for n in fitted.names if n != INERTIA], runs, prior)
         ended = ended.with_values(fitted.found)
-    return fitted, further_law(
-        ended, fitted.names, runs, prior, fitted) if fitted.misfit < MISFIT_SIGNIFICANCE else None
+    if fitted.misfit >= MISFIT_SIGNIFICANCE:
+        return fitted, None
+    # The likelihoods of laws are compared by the long-run variance of the noise, which white noise underestimates.
+    weighted = [replace(run, reading=replace(run.reading, std=np.sqrt(v) * run.reading.std))
+                for run, v in zip(runs, fitted.long_run_variances, strict=True)]
+    base = fitted if all(r.count for r in fitted.readings) else fit(ended, fitted.names, weighted, prior)
+    return fitted, further_law(ended.with_values(base.found), fitted.names, weighted, prior, base)
 
 
 def _check_scale(drive: Drive, fitted: CoastDownFit, scale: Sequence[str]) -> None:

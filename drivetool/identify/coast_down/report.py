@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -210,10 +210,12 @@ def fit_figures(fitted: CoastDownFit, stretches: Sequence[Stretch]) -> dict[str,
 
 def coast_down_findings(
         fitted: CoastDownFit, tested: CoastDownFit, stretches: Sequence[Stretch], experiments: Sequence[Experiment],
-        by: Sequence[str], spread: CoastDownScatter, further: AdditionalFrictionLaw | None) -> list[Finding]:
+        by: Sequence[str], spread: CoastDownScatter, further: AdditionalFrictionLaw | None,
+        held: Collection[str] = ()) -> list[Finding]:
     """The findings on a fit.
 
     tested  the fit that tests whether the friction follows its law; further: the missing law
+    held    names of the parameters that are held
     """
     found = []
     if not by:
@@ -224,8 +226,9 @@ def coast_down_findings(
             "Record a stretch under a logged torque too, or repeat with a known inertia added (--record FILE "
             "motor.added_inertia=VALUE), or hold a known inertia or friction (--set, --hold)."))
     found += coast_down_assumed([experiments[s.recording] for s in stretches])
+    found += [_drop_finding(s, experiments[s.recording]) for s in stretches if s.dropped]
     if tested.misfit < MISFIT_SIGNIFICANCE:
-        found.append(_missing_law_finding(tested, further))
+        found.append(_missing_law_finding(tested, further, held))
     elif fitted.misfit < MISFIT_SIGNIFICANCE:
         found.append(_torque_finding(fitted, stretches, experiments))
     if spread.changes:
@@ -253,10 +256,27 @@ def coast_down_assumed(experiments: Sequence[Experiment]) -> list[Finding]:
         "Exclude the switching transient with --flux-decay, or --condition 'keep from=..'.")]
 
 
-def _missing_law_finding(fitted: CoastDownFit, further: AdditionalFrictionLaw | None) -> Finding:
+def _drop_finding(stretch: Stretch, experiment: Experiment) -> Finding:
+    """That a speed drops to zero, and what is left out."""
+    return Finding(
+        "note", "speed-drops-to-zero", f"The speed of {experiment.name} drops to zero from {stretch.dropped:.4g}, much "
+        "faster than the friction before decelerates it. What follows is left out.", {"speed": stretch.dropped},
+        "A sensor that measures the time between pulses reports zero below its lowest speed: log its counts. Where a "
+        "brake stops the drive, ignore this.")
+
+
+def unexplained_misfit(tested: CoastDownFit, further: AdditionalFrictionLaw | None) -> bool:
+    """Whether the residual depends on the speed, and no tested law explains it."""
+    return tested.misfit < MISFIT_SIGNIFICANCE and (further is None or further.misfit < MISFIT_SIGNIFICANCE)
+
+
+def _missing_law_finding(
+        fitted: CoastDownFit, further: AdditionalFrictionLaw | None, held: Collection[str]) -> Finding:
     """That the friction follows another law, and which."""
+    also = f", or a held value is wrong ({', '.join(sorted(held))})" if held else ""
+    biased = f"The error of {', '.join(fitted.names)} is systematic. " if fitted.names else ""
     text = ("The residual of the coast-down depends on the speed (p-value "
-            f"{fitted.misfit:.1g}): the friction follows another law. ")
+            f"{fitted.misfit:.1g}): the friction follows another law{also}. {biased}")
     evidence: dict[str, float | int | str] = {"probability": fitted.misfit}
     if further is None:
         tried = ", ".join(LAW_TEXTS.values())
