@@ -42,9 +42,9 @@ SPEED_GROUPS = 40
 # Of the cosine series of these means, which have a test of their own: a missing law is smooth over the speed, and a
 # parabola is fitted already. A choice.
 SMOOTH_TERMS = 8
-# Degrees of freedom of a long-run variance by the median of some 40 overlapping differences: over 3000 records of
-# white and of filtered noise the test then alarms in less than its share.
-LONG_RUN_DOF = 12.0
+# Degrees of freedom of a long-run variance. Calibrated: over 1000 records each of white noise, a first-order lag of
+# up to a fiftieth of the record and a moving average of up to a fortieth, the test alarms in at most 1 %.
+LONG_RUN_DOF = 20.0
 KNOWN_VARIANCE_DOF = 1e9  # of a variance that is known, as that of counts
 # Share of the range of a sensor, below which means of residuals are errors of the simulation. A choice: it is exact
 # to rounding with viscous and Coulomb friction, and to some 1e-8 with smooth laws.
@@ -117,6 +117,7 @@ class CoastDownFit:
     starts      start states per run; readings: with the placement of their counts
     weighted_residuals  residuals over their standard deviation (m,), all runs; speed (m,) of the motor there
     chi_square  of m - unknowns degrees of freedom
+    long_run_variances  per run, variance of a mean of residuals times their number: 1 for independent ones
     """
 
     names: tuple[str, ...]
@@ -129,6 +130,7 @@ class CoastDownFit:
     speed: np.ndarray
     chi_square: float
     dof: int
+    long_run_variances: tuple[float, ...] = ()
 
     @property
     def found(self) -> dict[str, float]:
@@ -136,22 +138,16 @@ class CoastDownFit:
         return dict(zip(self.names, map(float, self.values), strict=True))
 
     @property
-    def long_run_variances(self) -> list[float]:
-        """Variance of means of the residuals of each run, times their number; 1 for counts, which err independently."""
-        return [1.0 if r.count else _long_run_variance(e[w != 0.0], SIMULATION_ACCURACY * float(
-            np.ptp(r.values[r.known])) / float(np.nanmedian(r.std)))
-                for r, e, w in zip(self.readings, self.by_run, self.speeds, strict=True)]
-
-    @property
     def misfit(self) -> float:
         """Probability by chance of means of the residuals over the speed as large as these.
 
         Their squares over the long-run variance of the sensor's noise, of all groups and of a smooth function of
-        the speed. The noise may be filtered: its variance is that of the differences of adjacent means.
+        the speed. The noise may be filtered.
         """
-        variances, sensors = self.long_run_variances, sum(not r.count for r in self.readings)
+        sensors = sum(not r.count for r in self.readings)
         moving = self.speed != 0.0  # at rest a sensor may have another noise, or none
-        errors = np.concatenate([e / np.sqrt(v) for e, v in zip(self.by_run, variances, strict=True)])[moving]
+        errors = np.concatenate([e / np.sqrt(v) for e, v in zip(
+            self.by_run, self.long_run_variances, strict=True)])[moving]
         groups = np.array_split(errors[np.argsort(self.speed[moving], kind="stable")], SPEED_GROUPS)
         means = np.array([np.sqrt(len(g)) * g.mean() for g in groups if len(g)])
         if not len(means):
@@ -204,7 +200,9 @@ def fit(drive: Drive, free: Sequence[str], runs: Sequence[Run],
             _refuse_wrong_motion(run, one[0][:, 0])
         speeds = [one[1][:, 0] for one in passes]
         residuals = np.concatenate(residuals_by_run)
-        covariance, white = _covariances(rows, residuals, len(free))
+        variances = _long_run_variances(used, residuals_by_run, speeds)
+        covariance, white = _covariances(rows, residuals, np.repeat(variances, [len(e) for e in residuals_by_run]),
+                                         len(free))
         std = np.sqrt(np.maximum(np.diag(white), 1e-300))
         if not any(r.count for r in used):
             break
@@ -216,7 +214,7 @@ def fit(drive: Drive, free: Sequence[str], runs: Sequence[Run],
             break
     return CoastDownFit(tuple(free), values, covariance, white, tuple(starts), tuple(used),
                   residuals, np.concatenate([w[r.known] for r, w in zip(used, speeds, strict=True)]),
-                  float(residuals @ residuals), max(len(residuals) - rows.shape[1], 1))
+                  float(residuals @ residuals), max(len(residuals) - rows.shape[1], 1), variances)
 
 
 def simulated(drive: Drive, run: Run, start: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -303,8 +301,11 @@ def _solve(problems: Sequence[Problem], readings: Sequence[Reading], values: np.
     return found[:k], starts_at(found), rows, residuals[:len(problems)]
 
 
-def _covariances(rows: np.ndarray, residuals: np.ndarray, k: int) -> tuple[np.ndarray, np.ndarray]:
-    """(k, k) of the free parameters: by sums of the residuals over blocks, where larger; by the weights.
+def _covariances(rows: np.ndarray, residuals: np.ndarray, variances: np.ndarray,
+                 k: int) -> tuple[np.ndarray, np.ndarray]:
+    """(k, k) of the free parameters: by sums of residuals over blocks or by long-run variances, where larger.
+
+    The second one is by the weights. variances: (m,) long-run variances of the residuals (m,)
 
     The residuals are correlated where quantisation follows the motion for a while, as at a count per sample, or
     where the noise is filtered. Sums over blocks longer than the correlation include it.
@@ -322,23 +323,46 @@ def _covariances(rows: np.ndarray, residuals: np.ndarray, k: int) -> tuple[np.nd
     prior_rows = scaled[len(residuals):]
     blocks = inverse @ (
         sums.T @ sums * RESIDUAL_BLOCKS / (RESIDUAL_BLOCKS - 1) + prior_rows.T @ prior_rows) @ inverse
-    inflation = np.sqrt(np.maximum(np.diag(blocks) / np.maximum(np.diag(inverse), 1e-300), 1.0))
+    coloured = scaled[:len(residuals)] * np.sqrt(variances)[:, None]
+    coloured = inverse @ (coloured.T @ coloured + prior_rows.T @ prior_rows) @ inverse
+    inflation = np.sqrt(np.maximum(np.maximum(np.diag(blocks), np.diag(coloured)) / np.maximum(
+        np.diag(inverse), 1e-300), 1.0))
     inverse[without_effect, without_effect] = np.inf  # a parameter without effect is not identifiable
     inflation[without_effect] = 1.0
     white = (inverse / np.outer(size, size))[:k, :k]
     return white * np.outer(inflation, inflation)[:k, :k], white
 
 
-def _long_run_variance(errors: np.ndarray, floor: float) -> float:
-    """Long-run variance of the noise in residuals (m,), by second differences of means over a speed group or half.
+def _long_run_variances(readings: Sequence[Reading], residuals_by_run: Sequence[np.ndarray],
+                        speeds: Sequence[np.ndarray]) -> tuple[float, ...]:
+    """Of each run, of its moving part; 1 for counts, and no less than the accuracy of the simulation."""
+    found = []
+    for r, errors, speed in zip(readings, residuals_by_run, speeds, strict=True):
+        moving = errors[speed[r.known] != 0.0]  # at rest a sensor may have another noise, or none
+        floor = SIMULATION_ACCURACY * float(np.ptp(r.values[r.known]) / np.nanmedian(r.std))
+        found.append(1.0 if r.count else max(
+            _long_run_variance(moving), floor**2 * len(moving) / SPEED_GROUPS, 1e-300))
+    return tuple(found)
 
-    floor   of means, in units of the residuals
-    source  Hadamard variance (Baugh 1971); with the median it ignores a place where the motion changes at once
+
+def _long_run_variance(errors: np.ndarray) -> float:
+    """Variance of a mean of the noise in residuals (m,), times their number, by medians of second differences.
+
+    Second differences over a speed group and less leave little of a missing law, and medians ignore the place where
+    a brake bites. An AR(1) pole whitens the noise of a filter, longer than which the means are.
+
+    source  Andrews and Monahan 1992: prewhitened long-run variances; Hadamard variance (Baugh 1971) of the rest
     """
-    whole, sums = max(len(errors) // SPEED_GROUPS, 1), np.concatenate([[0.0], np.cumsum(errors)])
-    found = [floor**2 * whole]
-    for size in (whole, max(whole // 2, 1)):
-        means = (sums[size:] - sums[:-size]) / size
-        second = means[2 * size:] - 2.0 * means[size:-size] + means[:-2 * size]
-        found.append(size * float(np.median(np.abs(second))) ** 2 / (6.0 * MAD_PER_STD**2) if len(second) else 0.0)
-    return max(*found, 1e-300)
+    group = max(len(errors) // SPEED_GROUPS, 1)
+    adjacent, apart = _second_difference_variance(errors, 1), _second_difference_variance(errors, group)
+    # Of an AR(1) process their ratio is (1 - a)(3 - a)/3.
+    pole = float(np.clip(2.0 - np.sqrt(1.0 + 3.0 * adjacent / max(apart, 1e-300)), 0.0, 1.0 - 1.0 / group))
+    half = max(group // 2, 1)
+    sums = np.concatenate([[0.0], np.cumsum(errors[1:] - pole * errors[:-1])])
+    return half * _second_difference_variance((sums[half:] - sums[:-half]) / half, half) / (1.0 - pole) ** 2
+
+
+def _second_difference_variance(values: np.ndarray, lag: int) -> float:
+    """Variance of (n,) that are independent over a lag, robust; 0 where there are too few."""
+    second = np.abs(values[2 * lag:] - 2.0 * values[lag:-lag] + values[:-2 * lag])
+    return float(np.median(second)) ** 2 / (6.0 * MAD_PER_STD**2) if len(second) else 0.0

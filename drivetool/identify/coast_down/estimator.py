@@ -32,7 +32,15 @@ from drivetool.identify.coast_down.report import (
 )
 from drivetool.identify.coast_down.stages import JointFit, fit_in_stages
 from drivetool.identify.coast_down.stretches import Stretch, stretches_of
-from drivetool.identify.estimate import Covariance, Estimate, Parameter, estimate_from_fit, held_line, line_of, without_intervals
+from drivetool.identify.estimate import (
+    Covariance,
+    Estimate,
+    Parameter,
+    estimate_from_fit,
+    held_line,
+    line_of,
+    without_intervals,
+)
 from drivetool.identify.setup import Options, fed_by_voltages
 from drivetool.logs import Experiment
 from drivetool.quantity import name_of, quantity_of, record_of

@@ -11,7 +11,15 @@ import scipy
 from drivetool.drive import Drive
 from drivetool.drive.effects import steady_torque
 from drivetool.finding import Finding
-from drivetool.identify.coast_down.coast_down_fit import NO_PRIOR, SPEED_GROUPS, CoastDownFit, Run, fit
+from drivetool.identify.coast_down.coast_down_fit import (
+    KNOWN_VARIANCE_DOF,
+    LONG_RUN_DOF,
+    NO_PRIOR,
+    SPEED_GROUPS,
+    CoastDownFit,
+    Run,
+    fit,
+)
 from drivetool.identify.coast_down.laws import MISFIT_SIGNIFICANCE, AdditionalFrictionLaw
 from drivetool.identify.coast_down.stretches import Stretch, driving_input
 from drivetool.identify.estimate import Parameter, PlotData
@@ -148,7 +156,8 @@ def scatter_between_runs(start: Drive, free: Sequence[str], runs: Sequence[Run],
     mean = np.linalg.pinv(np.sum(weights, axis=0), hermitian=True) @ np.sum(
         [w @ f.values for w, f in zip(weights, singles, strict=True)], axis=0)
     square = sum(float((f.values - mean) @ w @ (f.values - mean)) for w, f in zip(weights, singles, strict=True))
-    probability = float(scipy.stats.chi2.sf(square, (len(unpowered) - 1) * len(own)))
+    dof, sensors = (len(unpowered) - 1) * len(own), sum(not r.reading.count for r in unpowered)
+    probability = float(scipy.stats.f.sf(square / dof, dof, sensors * LONG_RUN_DOF or KNOWN_VARIANCE_DOF))
     if probability > MISFIT_SIGNIFICANCE:
         return CoastDownScatter(probability, {}, none)
     values = np.array([f.values for f in singles])
@@ -259,10 +268,11 @@ def coast_down_assumed(experiments: Sequence[Experiment]) -> list[Finding]:
 def _drop_finding(stretch: Stretch, experiment: Experiment) -> Finding:
     """That a speed drops to zero, and what is left out."""
     return Finding(
-        "note", "speed-drops-to-zero", f"The speed of {experiment.name} drops to zero from {stretch.dropped:.4g}, much "
-        "faster than the friction before decelerates it. What follows is left out.", {"speed": stretch.dropped},
-        "A sensor that measures the time between pulses reports zero below its lowest speed: log its counts. Where a "
-        "brake stops the drive, ignore this.")
+        "note", "speed-drops-to-zero", f"The speed of {experiment.name} drops to zero from {stretch.dropped:.4g}, "
+        "much faster than the friction before decelerates it. What follows is left out.",
+        {"speed": stretch.dropped},
+        "A sensor that measures the time between pulses reports zero below its lowest speed: log its counts. Where "
+        "a brake stops the drive, ignore this.")
 
 
 def unexplained_misfit(tested: CoastDownFit, further: AdditionalFrictionLaw | None) -> bool:

@@ -160,7 +160,7 @@ def _on_and_off(torque: np.ndarray) -> list[tuple[int, int, bool]]:
 
 
 def _noise_std(values: np.ndarray, lag: int = 1) -> float:
-    """Standard deviation of the noise in (n,), by third differences over a lag, robust against steps and outliers."""
+    """Standard deviation of the noise in (n,), robust against steps and outliers: third differences by a lag."""
     v = [values[k * lag:len(values) - (3 - k) * lag] for k in range(4)]
     third = np.abs(v[3] - 3.0 * v[2] + 3.0 * v[1] - v[0])
     return float(np.nanmedian(third)) / (MAD_PER_STD * np.sqrt(20.0)) if len(third) else 0.0
