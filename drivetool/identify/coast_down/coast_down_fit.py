@@ -39,9 +39,9 @@ MIN_FOLLOWED_MOTION = 0.9
 MAX_NULL_SHARE = 1e-3  # of a direction that is rounding: a parameter with a larger share in it is not identifiable
 # Of residuals over the speed, whose means test the friction law. A choice: they resolve its shape.
 SPEED_GROUPS = 40
-# Of the cosine series of these means, which have a test of their own: a missing law is smooth over the speed, and a
-# parabola is fitted already. A choice.
-SMOOTH_TERMS = 8
+# Of the cosine series of these means, which have a test of their own: a missing law is smooth over the speed, and
+# the fit takes three of its terms. A choice: 4 to 10 find as many missing drags.
+SMOOTH_TERMS = 6
 # Degrees of freedom of a long-run variance. Calibrated: over 1000 records each of white noise, a first-order lag of
 # up to a fiftieth of the record and a moving average of up to a fortieth, the test alarms in at most 1 %.
 LONG_RUN_DOF = 20.0
@@ -150,8 +150,6 @@ class CoastDownFit:
             self.by_run, self.long_run_variances, strict=True)])[moving]
         groups = np.array_split(errors[np.argsort(self.speed[moving], kind="stable")], SPEED_GROUPS)
         means = np.array([np.sqrt(len(g)) * g.mean() for g in groups if len(g)])
-        if not len(means):
-            return 1.0
         squares = scipy.fft.dct(means, norm="ortho") ** 2
         dof = LONG_RUN_DOF * sensors if sensors else KNOWN_VARIANCE_DOF
         return min(1.0, 2.0 * min(float(scipy.stats.f.sf(s.mean(), len(s), dof)) for s in (

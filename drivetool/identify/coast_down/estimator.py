@@ -27,7 +27,6 @@ from drivetool.identify.coast_down.report import (
     ratio_covariance,
     ratio_lines,
     scatter_between_runs,
-    unexplained_misfit,
     unidentified,
 )
 from drivetool.identify.coast_down.stages import JointFit, fit_in_stages
@@ -90,8 +89,9 @@ def coast_down(experiments: Sequence[Experiment], drive: Drive, options: Options
     ended = start.with_values(fitted.found)
     tested, further = _law_test(ended, runs, prior, fitted, spread.first)
     lines = _parameter_lines(own, ended, free, fitted, scale, held, both)
-    ratios = ratio_lines(ended, free, fitted)
-    unexplained = unexplained_misfit(tested, further)
+    ratios = (*ratio_lines(ended, free, fitted), *no_load_speed(ended, free, fitted, runs))
+    unexplained = tested.misfit < MISFIT_SIGNIFICANCE and (
+        further is None or further.misfit < MISFIT_SIGNIFICANCE)
     if unexplained:
         lines, ratios = (without_intervals(part, "no tested friction law explains the residual") for part in (
             lines, ratios))
@@ -104,7 +104,7 @@ def coast_down(experiments: Sequence[Experiment], drive: Drive, options: Options
             {} if scale or unexplained else {"ratio_covariance": ratio_covariance(ended, free, fitted)}),
         findings=coast_down_findings(fitted, tested, stretches, experiments, scale, spread, further, held),
         exhibits=coast_down_plots(experiments, stretches, fitted, ended),
-        ratios=(*ratios, *no_load_speed(ended, free, fitted, runs)))
+        ratios=ratios)
     if options.stages:
         joint = JointFit(experiments, stretches, runs, tuple(start_drives(start, free)), ended, fitted, prior,
                       own.values if scale else {})

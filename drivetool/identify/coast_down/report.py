@@ -235,7 +235,12 @@ def coast_down_findings(
             "Record a stretch under a logged torque too, or repeat with a known inertia added (--record FILE "
             "motor.added_inertia=VALUE), or hold a known inertia or friction (--set, --hold)."))
     found += coast_down_assumed([experiments[s.recording] for s in stretches])
-    found += [_drop_finding(s, experiments[s.recording]) for s in stretches if s.dropped]
+    found += [Finding(
+        "note", "speed-drops-to-zero", f"The speed of {experiments[s.recording].name} drops to zero from "
+        f"{s.dropped:.4g}, much faster than the friction before decelerates it. What follows is left out.",
+        {"speed": s.dropped},
+        "A sensor that measures the time between pulses reports zero below its lowest speed: log its counts. Where "
+        "a brake stops the drive, ignore this.") for s in stretches if s.dropped]
     if tested.misfit < MISFIT_SIGNIFICANCE:
         found.append(_missing_law_finding(tested, further, held))
     elif fitted.misfit < MISFIT_SIGNIFICANCE:
@@ -263,21 +268,6 @@ def coast_down_assumed(experiments: Sequence[Experiment]) -> list[Finding]:
         "note", "coast-down-assumed", "No torque was logged: the drive is assumed to coast down without torque "
         "from the time at which its speed begins to fall from its maximum.", {},
         "Exclude the switching transient with --flux-decay, or --condition 'keep from=..'.")]
-
-
-def _drop_finding(stretch: Stretch, experiment: Experiment) -> Finding:
-    """That a speed drops to zero, and what is left out."""
-    return Finding(
-        "note", "speed-drops-to-zero", f"The speed of {experiment.name} drops to zero from {stretch.dropped:.4g}, "
-        "much faster than the friction before decelerates it. What follows is left out.",
-        {"speed": stretch.dropped},
-        "A sensor that measures the time between pulses reports zero below its lowest speed: log its counts. Where "
-        "a brake stops the drive, ignore this.")
-
-
-def unexplained_misfit(tested: CoastDownFit, further: AdditionalFrictionLaw | None) -> bool:
-    """Whether the residual depends on the speed, and no tested law explains it."""
-    return tested.misfit < MISFIT_SIGNIFICANCE and (further is None or further.misfit < MISFIT_SIGNIFICANCE)
 
 
 def _missing_law_finding(

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import pairwise
 
 import numpy as np
@@ -120,34 +120,31 @@ def _stretches_of_record(number: int, experiment: Experiment, decay: float) -> l
             # At the beginning of a record with its torque, the time since switching off is not known.
             start = first + begin + (skip if off and (begin > 0 or acts is None) else 0)
             if first + end - start >= MIN_COAST_DOWN_SAMPLES:
-                size, dropped = first + end - start, 0.0
-                if off and "motor_angle" not in experiment.signals:
-                    speed = experiment.signal("motor_speed", "the coast-down")
-                    size, dropped = _before_drop(speed[start:first + end])
-                found.append(Stretch(number, start, start + size, off, dropped))
+                found.append(_before_drop(Stretch(number, start, first + end, off), experiment))
     return found
 
 
-def _before_drop(speed: np.ndarray) -> tuple[int, float]:
-    """(samples before a speed (n,) drops to zero, speed there); (n, 0): it runs down continuously or does not rest.
+def _before_drop(stretch: Stretch, experiment: Experiment) -> Stretch:
+    """The part of a coast-down before its speed drops to zero; the whole of one that runs down, or never rests.
 
-    Between its last values and rest it must fall faster than in any part before: friction stops a drive
-    continuously, a sensor below its least speed and a brake do not.
+    Between its last values and rest the speed must fall much faster than in any part before: friction stops a drive
+    continuously, a sensor below its lowest speed and a brake do not.
     """
+    speed = np.abs(experiment.signals.get("motor_speed", np.empty(0))[stretch.first:stretch.last])
     known = np.flatnonzero(np.isfinite(speed))
-    v = np.abs(speed[known])
-    upper = int(np.flatnonzero(v >= 0.5 * v.max(initial=0.0))[-1]) + 1 if len(v) else 0
+    if not stretch.off or "motor_angle" in experiment.signals or len(known) < MIN_COAST_DOWN_SAMPLES:
+        return stretch
+    v = speed[known]
+    upper = int(np.flatnonzero(v >= 0.5 * v.max())[-1]) + 1
     noise = OFF_TORQUE_STDS * _noise_std(v[:upper], max(upper // DROP_NOISE_LAGS, 1))
-    rest = int(np.flatnonzero(v > noise)[-1]) + 1 if np.any(v > noise) else 0
-    if rest in (0, len(v)):
-        return len(speed), 0.0
-    fall = (v[:rest] - 2.0 * noise) / np.arange(rest, 0, -1)  # once for the speed, once for what counts as rest
-    last = int(np.flatnonzero(fall >= 0.5 * fall.max())[0]) if fall.max() > 0.0 else 0
+    rest = len(v) - int(np.argmax(v[::-1] > noise))
+    fall = (v[:rest] - 2.0 * noise) / np.arange(rest, 0, -1)  # noise of the speed, and of what counts as rest
+    last = int(np.argmax(fall >= 0.5 * fall.max()))
     apart = np.arange(last, MIN_COAST_DOWN_SAMPLES - 1, -1)
-    before = np.max((v[:len(apart)] - v[last] + noise) / apart, initial=-np.inf)
-    if fall[last] <= MIN_DROP_FACTOR * max(before, 0.0) or len(apart) == 0:
-        return len(speed), 0.0
-    return int(known[last]) + 1, float(v[last])
+    before = np.max((v[:len(apart)] - v[last] + noise) / apart, initial=0.0)
+    if rest == len(v) or len(apart) == 0 or fall.max() <= MIN_DROP_FACTOR * before:
+        return stretch
+    return replace(stretch, last=stretch.first + int(known[last]) + 1, dropped=float(v[last]))
 
 
 def _on_and_off(torque: np.ndarray) -> list[tuple[int, int, bool]]:
