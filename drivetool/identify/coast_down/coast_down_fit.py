@@ -144,14 +144,13 @@ class CoastDownFit:
         Their squares over the long-run variance of the sensor's noise, of all groups and of a smooth function of
         the speed. The noise may be filtered.
         """
-        sensors = sum(not r.count for r in self.readings)
         moving = self.speed != 0.0  # at rest a sensor may have another noise, or none
         errors = np.concatenate([e / np.sqrt(v) for e, v in zip(
             self.by_run, self.long_run_variances, strict=True)])[moving]
         groups = np.array_split(errors[np.argsort(self.speed[moving], kind="stable")], SPEED_GROUPS)
         means = np.array([np.sqrt(len(g)) * g.mean() for g in groups if len(g)])
         squares = scipy.fft.dct(means, norm="ortho") ** 2
-        dof = LONG_RUN_DOF * sensors if sensors else KNOWN_VARIANCE_DOF
+        dof = LONG_RUN_DOF * sum(not r.count for r in self.readings) or KNOWN_VARIANCE_DOF
         return min(1.0, 2.0 * min(float(scipy.stats.f.sf(s.mean(), len(s), dof)) for s in (
             squares, squares[:SMOOTH_TERMS])))
 
@@ -352,9 +351,10 @@ def _long_run_variance(errors: np.ndarray) -> float:
     source  Andrews and Monahan 1992: prewhitened long-run variances; Hadamard variance (Baugh 1971) of the rest
     """
     group = max(len(errors) // SPEED_GROUPS, 1)
-    adjacent, apart = _second_difference_variance(errors, 1), _second_difference_variance(errors, group)
-    # Of an AR(1) process their ratio is (1 - a)(3 - a)/3.
-    pole = float(np.clip(2.0 - np.sqrt(1.0 + 3.0 * adjacent / max(apart, 1e-300)), 0.0, 1.0 - 1.0 / group))
+    # Of an AR(1) process their ratio is (1 - a)(3 - a)/3. A sensor may repeat its values: a median would be zero.
+    adjacent = float(np.sum(np.diff(errors, 2) ** 2)) / (6.0 * max(len(errors) - 2, 1))
+    ratio = adjacent / max(_second_difference_variance(errors, group), 1e-300)
+    pole = float(np.clip(2.0 - np.sqrt(1.0 + 3.0 * ratio), 0.0, 1.0 - 1.0 / group))
     half = max(group // 2, 1)
     sums = np.concatenate([[0.0], np.cumsum(errors[1:] - pole * errors[:-1])])
     return half * _second_difference_variance((sums[half:] - sums[:-half]) / half, half) / (1.0 - pole) ** 2
