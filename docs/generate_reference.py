@@ -66,7 +66,7 @@ SEEN = {
         "nonlinear-friction residual-depends-on-input residual-not-testable response-not-explained "
         "scatter-beyond-noise simulation-drifts",
     "Coast-downs":
-        "coast-down-assumed coast-down-not-explained staged-fit",
+        "coast-down-assumed coast-down-not-explained speed-drops-to-zero staged-fit",
     "Frequency responses and black-box models":
         "direction-changes distortion-not-separable excitation-gaps low-coherence model-order no-conversion no-fit "
         "nonlinear-distortion residual-conversion-error residual-correlated resonance-out-of-range "

@@ -70,6 +70,12 @@ CODES = {
         "All steady intervals have one speed. The slope and the offset of the friction line are not identifiable "
         "separately. With a free drag two speeds are too few.",
         "Record steady intervals at two or more very different speeds, at three or more for a drag."),
+    "speed-drops-to-zero": Code(
+        NOTE,
+        "The speed of a coast-down falls to zero more than five times faster than it decelerates before. Friction "
+        "stops a drive continuously: a sensor below its lowest speed, or a brake, does not. The coast-down ends "
+        "before the drop.",
+        "Log the counts of the encoder, or use a sensor with a lower lowest speed."),
     "staged-fit": Code(
         NOTE_OR_WARNING,
         "The coast-down was fitted window by window (`--stages`). Each window holds the parameters of later "

@@ -135,7 +135,7 @@ def identified():
 
 def said(misfit=1.0, together=None):
     """The findings of a coast-down, by code."""
-    fitted = SimpleNamespace(misfit=misfit)
+    fitted = SimpleNamespace(misfit=misfit, names=())
     spread = report.CoastDownScatter(1.0, {"together": together} if together else {}, np.zeros((1, 1)))
     return {f.code: f
             for f in report.coast_down_findings(fitted, fitted, [], [], ("a known added inertia",), spread, None)}

@@ -18,6 +18,7 @@ from drivetool.identify.coast_down.stretches import Stretch
 from drivetool.identify.problem import Problem
 from drivetool.identify.setup import Roles, fed_by_voltages, first_states, problem_of
 from drivetool.logs import Experiment
+from drivetool.logs.samples import MAD_PER_STD
 
 # In which counts are placed by the speed of the fit before, at most. A choice: it bounds the time.
 MAX_PLACEMENT_ROUNDS = 12
@@ -38,6 +39,16 @@ MIN_FOLLOWED_MOTION = 0.9
 MAX_NULL_SHARE = 1e-3  # of a direction that is rounding: a parameter with a larger share in it is not identifiable
 # Of residuals over the speed, whose means test the friction law. A choice: they resolve its shape.
 SPEED_GROUPS = 40
+# Of the cosine series of these means, which have a test of their own: a missing law is smooth over the speed, and
+# the fit takes three of its terms. A choice: 4 to 10 find as many missing drags.
+SMOOTH_TERMS = 6
+# Degrees of freedom of a long-run variance. Calibrated: over 1000 records each of white noise, a first-order lag of
+# up to a fiftieth of the record and a moving average of up to a fortieth, the test alarms in at most 1 %.
+LONG_RUN_DOF = 20.0
+KNOWN_VARIANCE_DOF = 1e9  # of a variance that is known, as that of counts
+# Share of the range of a sensor, below which means of residuals are errors of the simulation. A choice: it is exact
+# to rounding with viscous and Coulomb friction, and to some 1e-8 with smooth laws.
+SIMULATION_ACCURACY = 1e-7
 
 
 @dataclass(frozen=True)
@@ -106,6 +117,7 @@ class CoastDownFit:
     starts      start states per run; readings: with the placement of their counts
     weighted_residuals  residuals over their standard deviation (m,), all runs; speed (m,) of the motor there
     chi_square  of m - unknowns degrees of freedom
+    long_run_variances  per run, variance of a mean of residuals times their number: 1 for independent ones
     """
 
     names: tuple[str, ...]
@@ -118,6 +130,7 @@ class CoastDownFit:
     speed: np.ndarray
     chi_square: float
     dof: int
+    long_run_variances: tuple[float, ...] = ()
 
     @property
     def found(self) -> dict[str, float]:
@@ -128,13 +141,18 @@ class CoastDownFit:
     def misfit(self) -> float:
         """Probability by chance of means of the residuals over the speed as large as these.
 
-        Tested for counts alone: the noise of another sensor is not known to be white.
+        Their squares over the long-run variance of the sensor's noise, of all groups and of a smooth function of
+        the speed. The noise may be filtered.
         """
-        if not all(r.count for r in self.readings):
-            return 1.0
-        groups = np.array_split(self.weighted_residuals[np.argsort(self.speed, kind="stable")], SPEED_GROUPS)
-        square = sum(len(g) * float(g.mean()) ** 2 for g in groups if len(g))
-        return float(scipy.stats.chi2.sf(square, SPEED_GROUPS))
+        moving = self.speed != 0.0  # at rest a sensor may have another noise, or none
+        errors = np.concatenate([e / np.sqrt(v) for e, v in zip(
+            self.by_run, self.long_run_variances, strict=True)])[moving]
+        groups = np.array_split(errors[np.argsort(self.speed[moving], kind="stable")], SPEED_GROUPS)
+        means = np.array([np.sqrt(len(g)) * g.mean() for g in groups if len(g)])
+        squares = scipy.fft.dct(means, norm="ortho") ** 2
+        dof = LONG_RUN_DOF * sum(not r.count for r in self.readings) or KNOWN_VARIANCE_DOF
+        return min(1.0, 2.0 * min(float(scipy.stats.f.sf(s.mean(), len(s), dof)) for s in (
+            squares, squares[:SMOOTH_TERMS])))
 
     @property
     def by_run(self) -> list[np.ndarray]:
@@ -179,7 +197,9 @@ def fit(drive: Drive, free: Sequence[str], runs: Sequence[Run],
             _refuse_wrong_motion(run, one[0][:, 0])
         speeds = [one[1][:, 0] for one in passes]
         residuals = np.concatenate(residuals_by_run)
-        covariance, white = _covariances(rows, residuals, len(free))
+        variances = _long_run_variances(used, residuals_by_run, speeds)
+        covariance, white = _covariances(rows, residuals, np.repeat(variances, [len(e) for e in residuals_by_run]),
+                                         len(free))
         std = np.sqrt(np.maximum(np.diag(white), 1e-300))
         if not any(r.count for r in used):
             break
@@ -191,7 +211,7 @@ def fit(drive: Drive, free: Sequence[str], runs: Sequence[Run],
             break
     return CoastDownFit(tuple(free), values, covariance, white, tuple(starts), tuple(used),
                   residuals, np.concatenate([w[r.known] for r, w in zip(used, speeds, strict=True)]),
-                  float(residuals @ residuals), max(len(residuals) - rows.shape[1], 1))
+                  float(residuals @ residuals), max(len(residuals) - rows.shape[1], 1), variances)
 
 
 def simulated(drive: Drive, run: Run, start: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -278,8 +298,11 @@ def _solve(problems: Sequence[Problem], readings: Sequence[Reading], values: np.
     return found[:k], starts_at(found), rows, residuals[:len(problems)]
 
 
-def _covariances(rows: np.ndarray, residuals: np.ndarray, k: int) -> tuple[np.ndarray, np.ndarray]:
-    """(k, k) of the free parameters: by sums of the residuals over blocks, where larger; by the weights.
+def _covariances(rows: np.ndarray, residuals: np.ndarray, variances: np.ndarray,
+                 k: int) -> tuple[np.ndarray, np.ndarray]:
+    """(k, k) of the free parameters: by sums of residuals over blocks or by long-run variances, where larger.
+
+    The second one is by the weights. variances: (m,) long-run variances of the residuals (m,)
 
     The residuals are correlated where quantisation follows the motion for a while, as at a count per sample, or
     where the noise is filtered. Sums over blocks longer than the correlation include it.
@@ -297,8 +320,47 @@ def _covariances(rows: np.ndarray, residuals: np.ndarray, k: int) -> tuple[np.nd
     prior_rows = scaled[len(residuals):]
     blocks = inverse @ (
         sums.T @ sums * RESIDUAL_BLOCKS / (RESIDUAL_BLOCKS - 1) + prior_rows.T @ prior_rows) @ inverse
-    inflation = np.sqrt(np.maximum(np.diag(blocks) / np.maximum(np.diag(inverse), 1e-300), 1.0))
+    coloured = scaled[:len(residuals)] * np.sqrt(variances)[:, None]
+    coloured = inverse @ (coloured.T @ coloured + prior_rows.T @ prior_rows) @ inverse
+    inflation = np.sqrt(np.maximum(np.maximum(np.diag(blocks), np.diag(coloured)) / np.maximum(
+        np.diag(inverse), 1e-300), 1.0))
     inverse[without_effect, without_effect] = np.inf  # a parameter without effect is not identifiable
     inflation[without_effect] = 1.0
     white = (inverse / np.outer(size, size))[:k, :k]
     return white * np.outer(inflation, inflation)[:k, :k], white
+
+
+def _long_run_variances(readings: Sequence[Reading], residuals_by_run: Sequence[np.ndarray],
+                        speeds: Sequence[np.ndarray]) -> tuple[float, ...]:
+    """Of each run, of its moving part; 1 for counts, and no less than the accuracy of the simulation."""
+    found = []
+    for r, errors, speed in zip(readings, residuals_by_run, speeds, strict=True):
+        moving = errors[speed[r.known] != 0.0]  # at rest a sensor may have another noise, or none
+        floor = SIMULATION_ACCURACY * float(np.ptp(r.values[r.known]) / np.nanmedian(r.std))
+        found.append(1.0 if r.count else max(
+            _long_run_variance(moving), floor**2 * len(moving) / SPEED_GROUPS, 1e-300))
+    return tuple(found)
+
+
+def _long_run_variance(errors: np.ndarray) -> float:
+    """Variance of a mean of the noise in residuals (m,), times their number, by medians of second differences.
+
+    Second differences over a speed group and less leave little of a missing law, and medians ignore the place where
+    a brake bites. An AR(1) pole whitens the noise of a filter, longer than which the means are.
+
+    source  Andrews and Monahan 1992: prewhitened long-run variances; Hadamard variance (Baugh 1971) of the rest
+    """
+    group = max(len(errors) // SPEED_GROUPS, 1)
+    # Of an AR(1) process their ratio is (1 - a)(3 - a)/3. A sensor may repeat its values: a median would be zero.
+    adjacent = float(np.sum(np.diff(errors, 2) ** 2)) / (6.0 * max(len(errors) - 2, 1))
+    ratio = adjacent / max(_second_difference_variance(errors, group), 1e-300)
+    pole = float(np.clip(2.0 - np.sqrt(1.0 + 3.0 * ratio), 0.0, 1.0 - 1.0 / group))
+    half = max(group // 2, 1)
+    sums = np.concatenate([[0.0], np.cumsum(errors[1:] - pole * errors[:-1])])
+    return half * _second_difference_variance((sums[half:] - sums[:-half]) / half, half) / (1.0 - pole) ** 2
+
+
+def _second_difference_variance(values: np.ndarray, lag: int) -> float:
+    """Variance of (n,) that are independent over a lag, robust; 0 where there are too few."""
+    second = np.abs(values[2 * lag:] - 2.0 * values[lag:-lag] + values[:-2 * lag])
+    return float(np.median(second)) ** 2 / (6.0 * MAD_PER_STD**2) if len(second) else 0.0

@@ -31,13 +31,23 @@ from drivetool.identify.coast_down.report import (
 )
 from drivetool.identify.coast_down.stages import JointFit, fit_in_stages
 from drivetool.identify.coast_down.stretches import Stretch, stretches_of
-from drivetool.identify.estimate import Covariance, Estimate, Parameter, estimate_from_fit, held_line, line_of
+from drivetool.identify.estimate import (
+    Covariance,
+    Estimate,
+    Parameter,
+    Verdict,
+    estimate_from_fit,
+    held_line,
+    line_of,
+    masked,
+)
 from drivetool.identify.setup import Options, fed_by_voltages
 from drivetool.logs import Experiment
 from drivetool.quantity import name_of, quantity_of, record_of
 
 FRICTION = ("motor.viscous", "motor.coulomb", "motor.idle_torque")
 FLUX_TIME_CONSTANTS = 3.0  # time constants of the rotor's flux, after which 5 % of it is left: exp(-3)
+UNEXPLAINED_TEXT = "no tested friction law explains the residual"
 ADDED_INERTIA_TEXT = "a known added inertia"
 # Of a coast-down, whose mean speeds give start values. A choice: they average counts and keep the shape.
 MEAN_SPEED_PARTS = 40
@@ -81,16 +91,22 @@ def coast_down(experiments: Sequence[Experiment], drive: Drive, options: Options
     ended = start.with_values(fitted.found)
     tested, further = _law_test(ended, runs, prior, fitted, spread.first)
     lines = _parameter_lines(own, ended, free, fitted, scale, held, both)
+    ratios = (*ratio_lines(ended, free, fitted), *no_load_speed(ended, free, fitted, runs))
+    unexplained = tested.misfit < MISFIT_SIGNIFICANCE and (
+        further is None or further.misfit < MISFIT_SIGNIFICANCE)
+    if unexplained:
+        ratios = tuple(p.without_interval(UNEXPLAINED_TEXT) for p in ratios)
     values = {p.name: p.value for p in lines if np.isfinite(p.value)}
     result = estimate_from_fit(
         "steady", experiments, own.with_values(values), lines, Covariance(fitted.names, fitted.covariance),
         outcome=outcome_text(stretches, experiments, scale), fit=fit_figures(fitted, stretches),
         details={"scale": list(scale), "spans": _stretch_details(stretches, experiments),
                  "sensor": _sensor_details(fitted)} | (
-            {} if scale else {"ratio_covariance": ratio_covariance(ended, free, fitted)}),
-        findings=coast_down_findings(fitted, tested, stretches, experiments, scale, spread, further),
+            {} if scale or unexplained else {"ratio_covariance": ratio_covariance(ended, free, fitted)}),
+        findings=coast_down_findings(fitted, tested, stretches, experiments, scale, spread, further, held),
         exhibits=coast_down_plots(experiments, stretches, fitted, ended),
-        ratios=(*ratio_lines(ended, free, fitted), *no_load_speed(ended, free, fitted, runs)))
+        ratios=ratios, checks=[lambda e: Verdict(
+            lines=masked(e, UNEXPLAINED_TEXT, None) if unexplained else ())])
     if options.stages:
         joint = JointFit(experiments, stretches, runs, tuple(start_drives(start, free)), ended, fitted, prior,
                       own.values if scale else {})
@@ -99,7 +115,7 @@ def coast_down(experiments: Sequence[Experiment], drive: Drive, options: Options
         return result
     if scale:
         return as_drive_parameters(result, drive, rigid)
-    lines = tuple(p.replace(name=names[p.name], unit=drive.unit(names[p.name])) for p in lines)
+    lines = tuple(p.replace(name=names[p.name], unit=drive.unit(names[p.name])) for p in result.parameters)
     return replace(result, drive=drive, parameters=lines)
 
 
@@ -173,8 +189,13 @@ def _law_test(ended: Drive, runs: Sequence[Run], prior: Prior, fitted: CoastDown
         runs, prior = [r for r in runs if not r.inputs.any()], NO_PRIOR
         fitted = fit(ended, [n for n in fitted.names if n != INERTIA], runs, prior)
         ended = ended.with_values(fitted.found)
-    return fitted, further_law(
-        ended, fitted.names, runs, prior, fitted) if fitted.misfit < MISFIT_SIGNIFICANCE else None
+    if fitted.misfit >= MISFIT_SIGNIFICANCE:
+        return fitted, None
+    # The likelihoods of laws are compared by the long-run variance of the noise, which white noise underestimates.
+    weighted = [replace(run, reading=replace(run.reading, std=np.sqrt(v) * run.reading.std))
+                for run, v in zip(runs, fitted.long_run_variances, strict=True)]
+    base = fitted if all(r.count for r in fitted.readings) else fit(ended, fitted.names, weighted, prior)
+    return fitted, further_law(ended.with_values(base.found), fitted.names, weighted, prior, base)
 
 
 def _check_scale(drive: Drive, fitted: CoastDownFit, scale: Sequence[str]) -> None:

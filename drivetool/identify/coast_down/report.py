@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -11,7 +11,15 @@ import scipy
 from drivetool.drive import Drive
 from drivetool.drive.effects import steady_torque
 from drivetool.finding import Finding
-from drivetool.identify.coast_down.coast_down_fit import NO_PRIOR, SPEED_GROUPS, CoastDownFit, Run, fit
+from drivetool.identify.coast_down.coast_down_fit import (
+    KNOWN_VARIANCE_DOF,
+    LONG_RUN_DOF,
+    NO_PRIOR,
+    SPEED_GROUPS,
+    CoastDownFit,
+    Run,
+    fit,
+)
 from drivetool.identify.coast_down.laws import MISFIT_SIGNIFICANCE, AdditionalFrictionLaw
 from drivetool.identify.coast_down.stretches import Stretch, driving_input
 from drivetool.identify.estimate import Parameter, PlotData
@@ -148,7 +156,8 @@ def scatter_between_runs(start: Drive, free: Sequence[str], runs: Sequence[Run],
     mean = np.linalg.pinv(np.sum(weights, axis=0), hermitian=True) @ np.sum(
         [w @ f.values for w, f in zip(weights, singles, strict=True)], axis=0)
     square = sum(float((f.values - mean) @ w @ (f.values - mean)) for w, f in zip(weights, singles, strict=True))
-    probability = float(scipy.stats.chi2.sf(square, (len(unpowered) - 1) * len(own)))
+    dof, sensors = (len(unpowered) - 1) * len(own), sum(not r.reading.count for r in unpowered)
+    probability = float(scipy.stats.f.sf(square / dof, dof, sensors * LONG_RUN_DOF or KNOWN_VARIANCE_DOF))
     if probability > MISFIT_SIGNIFICANCE:
         return CoastDownScatter(probability, {}, none)
     values = np.array([f.values for f in singles])
@@ -210,10 +219,12 @@ def fit_figures(fitted: CoastDownFit, stretches: Sequence[Stretch]) -> dict[str,
 
 def coast_down_findings(
         fitted: CoastDownFit, tested: CoastDownFit, stretches: Sequence[Stretch], experiments: Sequence[Experiment],
-        by: Sequence[str], spread: CoastDownScatter, further: AdditionalFrictionLaw | None) -> list[Finding]:
+        by: Sequence[str], spread: CoastDownScatter, further: AdditionalFrictionLaw | None,
+        held: Collection[str] = ()) -> list[Finding]:
     """The findings on a fit.
 
     tested  the fit that tests whether the friction follows its law; further: the missing law
+    held    names of the parameters that are held
     """
     found = []
     if not by:
@@ -224,8 +235,14 @@ def coast_down_findings(
             "Record a stretch under a logged torque too, or repeat with a known inertia added (--record FILE "
             "motor.added_inertia=VALUE), or hold a known inertia or friction (--set, --hold)."))
     found += coast_down_assumed([experiments[s.recording] for s in stretches])
+    found += [Finding(
+        "note", "speed-drops-to-zero", f"The speed of {experiments[s.recording].name} drops to zero from "
+        f"{s.dropped:.4g}, much faster than the friction before decelerates it. What follows is left out.",
+        {"speed": s.dropped},
+        "A sensor that measures the time between pulses reports zero below its lowest speed: log its counts. Where "
+        "a brake stops the drive, ignore this.") for s in stretches if s.dropped]
     if tested.misfit < MISFIT_SIGNIFICANCE:
-        found.append(_missing_law_finding(tested, further))
+        found.append(_missing_law_finding(tested, further, held))
     elif fitted.misfit < MISFIT_SIGNIFICANCE:
         found.append(_torque_finding(fitted, stretches, experiments))
     if spread.changes:
@@ -253,10 +270,13 @@ def coast_down_assumed(experiments: Sequence[Experiment]) -> list[Finding]:
         "Exclude the switching transient with --flux-decay, or --condition 'keep from=..'.")]
 
 
-def _missing_law_finding(fitted: CoastDownFit, further: AdditionalFrictionLaw | None) -> Finding:
+def _missing_law_finding(
+        fitted: CoastDownFit, further: AdditionalFrictionLaw | None, held: Collection[str]) -> Finding:
     """That the friction follows another law, and which."""
+    also = f", or a held value is wrong ({', '.join(sorted(held))})" if held else ""
+    biased = f"The error of {', '.join(fitted.names)} is systematic. " if fitted.names else ""
     text = ("The residual of the coast-down depends on the speed (p-value "
-            f"{fitted.misfit:.1g}): the friction follows another law. ")
+            f"{fitted.misfit:.1g}): the friction follows another law{also}. {biased}")
     evidence: dict[str, float | int | str] = {"probability": fitted.misfit}
     if further is None:
         tried = ", ".join(LAW_TEXTS.values())

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import pairwise
 
 import numpy as np
@@ -30,16 +30,24 @@ SPEED_BLOCKS = 200
 START_SPEED_SHARE = 0.98
 # Share of a power of two, within which a jump is the range of a counter of so many bits. A choice.
 COUNTER_TOLERANCE = 0.01
+# Times the deceleration before, by which a speed falls to zero that its sensor or a brake ends: friction that rises
+# before standstill reaches twice or three times the Coulomb friction, and a speed runs down continuously.
+MIN_DROP_FACTOR = 5.0
+DROP_NOISE_LAGS = 20  # of the upper half of the speed, in its third differences: longer than a filter remembers
 
 
 @dataclass(frozen=True)
 class Stretch:
-    """Samples first to last of a recording, by its number in a list; off: no torque acts."""
+    """Samples first to last of a recording, by its number in a list; off: no torque acts.
+
+    dropped  speed from which it drops to zero; what follows is left out; 0 where it runs down continuously
+    """
 
     recording: int
     first: int
     last: int
     off: bool
+    dropped: float = 0.0
 
 
 def stretches_of(experiments: Sequence[Experiment], decay: float) -> list[Stretch]:
@@ -112,22 +120,46 @@ def _stretches_of_record(number: int, experiment: Experiment, decay: float) -> l
             # At the beginning of a record with its torque, the time since switching off is not known.
             start = first + begin + (skip if off and (begin > 0 or acts is None) else 0)
             if first + end - start >= MIN_COAST_DOWN_SAMPLES:
-                found.append(Stretch(number, start, first + end, off))
+                found.append(_before_drop(Stretch(number, start, first + end, off), experiment))
     return found
+
+
+def _before_drop(stretch: Stretch, experiment: Experiment) -> Stretch:
+    """The part of a coast-down before its speed drops to zero; the whole of one that runs down, or never rests.
+
+    Between its last values and rest the speed must fall much faster than in any part before: friction stops a drive
+    continuously, a sensor below its lowest speed and a brake do not.
+    """
+    speed = np.abs(experiment.signals.get("motor_speed", np.empty(0))[stretch.first:stretch.last])
+    known = np.flatnonzero(np.isfinite(speed))
+    if not stretch.off or "motor_angle" in experiment.signals or len(known) < MIN_COAST_DOWN_SAMPLES:
+        return stretch
+    v = speed[known]
+    upper = int(np.flatnonzero(v >= 0.5 * v.max())[-1]) + 1
+    noise = OFF_TORQUE_STDS * _noise_std(v[:upper], max(upper // DROP_NOISE_LAGS, 1))
+    rest = len(v) - int(np.argmax(v[::-1] > noise))
+    fall = (v[:rest] - 2.0 * noise) / np.arange(rest, 0, -1)  # noise of the speed, and of what counts as rest
+    last = int(np.argmax(fall >= 0.5 * fall.max()))
+    apart = np.arange(last, MIN_COAST_DOWN_SAMPLES - 1, -1)
+    before = np.max((v[:len(apart)] - v[last] + noise) / apart, initial=0.0)
+    if rest == len(v) or len(apart) == 0 or fall.max() <= MIN_DROP_FACTOR * before:
+        return stretch
+    return replace(stretch, last=stretch.first + int(known[last]) + 1, dropped=float(v[last]))
 
 
 def _on_and_off(torque: np.ndarray) -> list[tuple[int, int, bool]]:
     """(first, last + 1, off) of the parts of a torque (n,), off for MIN_COAST_DOWN_SAMPLES samples or more."""
-    off = np.abs(torque) <= OFF_TORQUE_STDS * _white_torque_std(torque)
+    off = np.abs(torque) <= OFF_TORQUE_STDS * _noise_std(torque)
     for first, last in true_runs(off):
         off[first:last] = last - first >= MIN_COAST_DOWN_SAMPLES
     ends = np.flatnonzero(np.diff(np.concatenate([[2], off.astype(int), [2]])))
     return [(int(first), int(last), bool(off[first])) for first, last in pairwise(ends)]
 
 
-def _white_torque_std(torque: np.ndarray) -> float:
-    """Standard deviation of a torque's white noise, robust against steps and few outliers."""
-    third = np.abs(np.diff(torque, 3))
+def _noise_std(values: np.ndarray, lag: int = 1) -> float:
+    """Standard deviation of the noise in (n,), robust against steps and outliers: third differences by a lag."""
+    v = [values[k * lag:len(values) - (3 - k) * lag] for k in range(4)]
+    third = np.abs(v[3] - 3.0 * v[2] + 3.0 * v[1] - v[0])
     return float(np.nanmedian(third)) / (MAD_PER_STD * np.sqrt(20.0)) if len(third) else 0.0
 
 
