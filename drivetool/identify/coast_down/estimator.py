@@ -92,10 +92,8 @@ def coast_down(experiments: Sequence[Experiment], drive: Drive, options: Options
     tested, further = _law_test(ended, runs, prior, fitted, spread.first)
     lines = _parameter_lines(own, ended, free, fitted, scale, held, both)
     ratios = (*ratio_lines(ended, free, fitted), *no_load_speed(ended, free, fitted, runs))
-    unexplained = tested.misfit < MISFIT_SIGNIFICANCE and (
-        further is None or further.misfit < MISFIT_SIGNIFICANCE)
-    if unexplained:
-        ratios = tuple(p.without_interval(UNEXPLAINED_TEXT) for p in ratios)
+    unexplained = max(tested.misfit, further.misfit if further else 0.0) < MISFIT_SIGNIFICANCE
+    ratios = tuple(p.without_interval(UNEXPLAINED_TEXT) if unexplained else p for p in ratios)
     values = {p.name: p.value for p in lines if np.isfinite(p.value)}
     result = estimate_from_fit(
         "steady", experiments, own.with_values(values), lines, Covariance(fitted.names, fitted.covariance),
