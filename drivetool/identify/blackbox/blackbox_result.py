@@ -19,7 +19,6 @@ from drivetool.identify.estimate import (
     Covariance,
     Estimate,
     Parameter,
-    Verdict,
     covariance_of,
     fit_percent,
     held_line,
@@ -28,7 +27,6 @@ from drivetool.identify.estimate import (
     std_by_gradient,
     whole_table,
 )
-from drivetool.identify.identifiability import sums_of_constant_torques
 from drivetool.identify.noise import filtered
 from drivetool.identify.outcome import (
     CORRELATED,
@@ -117,8 +115,7 @@ def estimate_of(physical: PhysicalModel, outcome: Outcome, gain: float) -> Estim
         "blackbox", after, lines, _covariance(physical, lines, numbers, uncertainty), outcome, fit=figures,
         details={**detail, "log_likelihood_gain_of_the_shaft": gain if np.isfinite(gain) else None},
         findings=[*own, *([CORRELATED] if still_correlated(outcome) else [])],
-        exhibits=(*record_plots(outcome, traces, runs), bode(form, outcome, drive)),
-        checks=[lambda e: _sum_of_offset(e, physical, outcome)])
+        exhibits=(*record_plots(outcome, traces, runs), bode(form, outcome, drive)))
 
 
 def uncertainty_of(physical: PhysicalModel, outcome: Outcome) -> Uncertainty:
@@ -174,25 +171,13 @@ def _friction_numbers(physical: PhysicalModel, outcome: Outcome, c: Mapping[str,
 
 def _known_coulomb(drive: Drive, outcome: Outcome) -> float:
     """Known Coulomb friction referred to the motor, which the offset of a record in one direction contains."""
-    return drive.referred_to_motor("coulomb") * _direction(outcome)
-
-
-def _direction(outcome: Outcome) -> float:
-    """1 or -1, by the one direction in which the drive turns; 0 where it reverses."""
-    if reverses(outcome.task.experiments):
+    referred = drive.referred_to_motor("coulomb")
+    if not referred or reverses(outcome.task.experiments):
         return 0.0
     t = max(outcome.problem.traces, key=lambda t: t.size)
     y = t.outputs[np.isfinite(t.outputs[:, 0]), 0]
-    return float(np.sign(y[-1] - y[0] if outcome.task.roles.outputs[0].endswith("angle") else y.mean()))
-
-
-def _sum_of_offset(estimate: Estimate, physical: PhysicalModel, outcome: Outcome) -> Verdict:
-    """The offset of a record in one direction as idle torque and Coulomb friction, which it does not tell apart."""
-    name, direction = physical.names.get("offset"), _direction(outcome)
-    if name is None or direction == 0.0:
-        return Verdict()
-    return sums_of_constant_torques(estimate, [name], physical.options, lambda further: (
-        (name,), np.full((1, len(further)), -direction), np.full(len(further), np.inf)))
+    motion = y[-1] - y[0] if outcome.task.roles.outputs[0].endswith("angle") else y.mean()
+    return float(referred * np.sign(motion))
 
 
 def parameters(physical: PhysicalModel, numbers: Mapping[str, Dual], uncertainty: Uncertainty,
