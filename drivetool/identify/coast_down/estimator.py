@@ -91,9 +91,7 @@ def coast_down(experiments: Sequence[Experiment], drive: Drive, options: Options
     ended = start.with_values(fitted.found)
     tested, further = _law_test(ended, runs, prior, fitted, spread.first)
     lines = _parameter_lines(own, ended, free, fitted, scale, held, both)
-    ratios = (*ratio_lines(ended, free, fitted), *no_load_speed(ended, free, fitted, runs))
     unexplained = max(tested.misfit, further.misfit if further else 0.0) < MISFIT_SIGNIFICANCE
-    ratios = tuple(p.without_interval(UNEXPLAINED_TEXT) if unexplained else p for p in ratios)
     values = {p.name: p.value for p in lines if np.isfinite(p.value)}
     result = estimate_from_fit(
         "steady", experiments, own.with_values(values), lines, Covariance(fitted.names, fitted.covariance),
@@ -103,16 +101,15 @@ def coast_down(experiments: Sequence[Experiment], drive: Drive, options: Options
             {} if scale or unexplained else {"ratio_covariance": ratio_covariance(ended, free, fitted)}),
         findings=coast_down_findings(fitted, tested, stretches, experiments, scale, spread, further, held),
         exhibits=coast_down_plots(experiments, stretches, fitted, ended),
-        ratios=ratios, checks=[lambda e: Verdict(
-            lines=masked(e, UNEXPLAINED_TEXT, None) if unexplained else ())])
+        ratios=[p.without_interval(UNEXPLAINED_TEXT) if unexplained else p for p in (
+            *ratio_lines(ended, free, fitted), *no_load_speed(ended, free, fitted, runs))],
+        checks=[lambda e: Verdict(lines=masked(e, UNEXPLAINED_TEXT, None) if unexplained else ())])
     if options.stages:
         joint = JointFit(experiments, stretches, runs, tuple(start_drives(start, free)), ended, fitted, prior,
                       own.values if scale else {})
         return fit_in_stages(result, joint, options.stages)
-    if rigid is None:
-        return result
-    if scale:
-        return as_drive_parameters(result, drive, rigid)
+    if rigid is None or scale:
+        return result if rigid is None else as_drive_parameters(result, drive, rigid)
     lines = tuple(p.replace(name=names[p.name], unit=drive.unit(names[p.name])) for p in result.parameters)
     return replace(result, drive=drive, parameters=lines)
 
