@@ -24,6 +24,11 @@ def started(machine, seed, **more):
     return drive_like(machine, SHAPE, 0.15, seed).with_values(friction | more)
 
 
+def unidentified_in(estimate):
+    """What the next step may take for a start alone: of a drive that turns one way its idle torque, a sum."""
+    return tuple(p.name for p in estimate.parameters if p.status == "not-identifiable")
+
+
 @pytest.fixture(scope="module")
 def fitted():
     """Grey-box fits of gap-free records, by seed."""
@@ -109,7 +114,9 @@ def test_the_linear_parameters_of_a_low_load_inertia_are_fitted_again(fitted):
     # The gap-free record gives its inertia and stiffness to a few per cent, the contacts ten times better.
     machine, linear = machine_by_seed(237, gap=0.2), fitted(237)
     record, _ = gap_record(machine, 237)
-    estimate = backlash([record], linear.drive, Options(known=linear.covariance))
+    estimate = backlash([record], linear.drive, Options(
+        known=linear.covariance, unidentified=unidentified_in(linear)))
+    assert "model-error" not in {f.code for f in estimate.findings}
     note = next(f for f in estimate.findings if f.code == "gap-refit")
     assert note.severity == "note" and "load.inertia" in note.text
     square, limit = joint_error(estimate, truth(machine))
@@ -117,8 +124,7 @@ def test_the_linear_parameters_of_a_low_load_inertia_are_fitted_again(fitted):
     before = {p.name: p.std for p in linear.parameters}
     for line in estimate.parameters:
         if line.name in ("load.inertia", "shaft.stiffness"):
-            assert line.std_noise < 0.3 * before[line.name]
-            assert line.std < 0.5 * before[line.name]  # with the disagreement of the candidates of the default fit
+            assert line.std < 0.3 * before[line.name]
 
 
 @pytest.mark.slow

@@ -98,7 +98,7 @@ def run(job: Job, estimator: Estimator, options: Options) -> int:
                 drive.quantity(name)
     check_shaft_torque(opened.experiments, drive)
     options = replace(options, free=(*options.free, *differences.free),
-                      known=opened.loaded.covariance(drive, single=True),
+                      known=opened.loaded.covariance(drive, single=True), unidentified=tuple(stated.acting),
                       start=replace(start_of(job.start, drive), records=differences.starts),
                       stages=windows_of(job.stages, drive.motion_unit))
     with recordings_drawn_on_failure(job, opened.experiments):
@@ -110,7 +110,7 @@ def run(job: Job, estimator: Estimator, options: Options) -> int:
     used |= {"stages": job.stages} if job.stages else {}
     of_one_step = {f.name for f in fields(Options) if f.metadata}
     used = {name: value for name, value in used.items()
-            if name != "known" and not (name in of_one_step and value == defaults[name])}
+            if name not in ("known", "unidentified") and not (name in of_one_step and value == defaults[name])}
     estimate = replace(estimate, options=noted_options(job, used, differences.words),
                        findings=collected_findings(opened, (*doubts, *estimate.findings), used_by(
                            job.step, opened.experiments, drive, options.criterion), drive, job.step, options))

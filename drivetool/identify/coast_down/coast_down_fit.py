@@ -42,8 +42,8 @@ SPEED_GROUPS = 40
 # Of the cosine series of these means, which have a test of their own: a missing law is smooth over the speed, and
 # the fit takes three of its terms. A choice: 4 to 10 find as many missing drags.
 SMOOTH_TERMS = 6
-# Degrees of freedom of a long-run variance. Calibrated: over 1000 records each of white noise, a first-order lag of
-# up to a fiftieth of the record and a moving average of up to a fortieth, the test alarms in at most 1 %.
+# Degrees of freedom of a long-run variance. Calibrated: of 500 right records, with white noise, behind a
+# first-order lag of up to an eightieth of the record or a mean over up to a fortieth, one is warned.
 LONG_RUN_DOF = 20.0
 KNOWN_VARIANCE_DOF = 1e9  # of a variance that is known, as that of counts
 # Share of the range of a sensor, below which means of residuals are errors of the simulation. A choice: it is exact
@@ -345,19 +345,16 @@ def _long_run_variances(readings: Sequence[Reading], residuals_by_run: Sequence[
 def _long_run_variance(errors: np.ndarray) -> float:
     """Variance of a mean of the noise in residuals (m,), times their number, by medians of second differences.
 
-    Second differences over a speed group and less leave little of a missing law, and medians ignore the place where
-    a brake bites. An AR(1) pole whitens the noise of a filter, longer than which the means are.
+    Second differences of the means of neighbouring parts leave little of a missing law, and medians ignore the
+    place where a brake bites. Of what parts of one length miss by correlation over their ends, parts twice as long
+    miss half.
 
-    source  Andrews and Monahan 1992: prewhitened long-run variances; Hadamard variance (Baugh 1971) of the rest
+    source  Vats and Flegal 2022, lugsail estimators; Hadamard variance, Baugh 1971
     """
     group = max(len(errors) // SPEED_GROUPS, 1)
-    # Of an AR(1) process their ratio is (1 - a)(3 - a)/3. A sensor may repeat its values: a median would be zero.
-    adjacent = float(np.sum(np.diff(errors, 2) ** 2)) / (6.0 * max(len(errors) - 2, 1))
-    ratio = adjacent / max(_second_difference_variance(errors, group), 1e-300)
-    pole = float(np.clip(2.0 - np.sqrt(1.0 + 3.0 * ratio), 0.0, 1.0 - 1.0 / group))
-    half = max(group // 2, 1)
-    sums = np.concatenate([[0.0], np.cumsum(errors[1:] - pole * errors[:-1])])
-    return half * _second_difference_variance((sums[half:] - sums[:-half]) / half, half) / (1.0 - pole) ** 2
+    sums = np.concatenate([[0.0], np.cumsum(errors)])
+    once, twice = (n * _second_difference_variance((sums[n:] - sums[:-n]) / n, n) for n in (group, 2 * group))
+    return max(2.0 * twice - once, once)
 
 
 def _second_difference_variance(values: np.ndarray, lag: int) -> float:

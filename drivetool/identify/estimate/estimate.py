@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection, Iterable, Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -87,10 +87,6 @@ class Covariance:
         index = [self.names.index(n) for n in names]
         matrix = self.matrix[np.ix_(index, index)]
         return Covariance(tuple(self.names[i] for i in index), matrix) if index else None
-
-    def without(self, names: Collection[str]) -> Covariance | None:
-        """That of all other names; None of none."""
-        return self.part(n for n in self.names if n not in names)
 
 
 def std_by_gradient(gradient: np.ndarray, matrix: np.ndarray) -> float | None:

@@ -51,8 +51,8 @@ def load_inertia_ratio_std(drive: Drive, known: Covariance) -> float:
 def with_uncertain_values_free(task: Task, options: Options) -> Task | None:
     """The task with those values free that have an uncertainty; None without such, or with a high load inertia.
 
-    A value without uncertainty counts as known. Viscous friction is split over the bodies, unless its sum was
-    requested: in the gap only the load's own part acts on the load.
+    A value without uncertainty counts as known, unless no recording identifies it. Viscous friction is split over
+    the bodies, unless its sum was requested: in the gap only the load's own part acts on the load.
 
     options  as requested, `all` not expanded
     """
@@ -60,7 +60,7 @@ def with_uncertain_values_free(task: Task, options: Options) -> Task | None:
     if known is None or options.criterion not in ("auto", "innovations") or not has_low_inertia_ratio(
             task.drive, task.roles, load_inertia_ratio_std(task.drive, known)):
         return None
-    drive, total, names = task.drive, "total.viscous", set(known.names)
+    drive, total, names = task.drive, "total.viscous", {*known.names, *options.unidentified}
     for whole, suffix in TOTALS.items():
         if names & {name_of(b, suffix) for b in drive.bodies}:
             names.add(whole)

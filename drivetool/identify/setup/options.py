@@ -20,7 +20,7 @@ HELD_OUT_SHARE = 0.3
 STEP_SPECIFIC = {"of_one_step": True}  # of a field: result files list it only where it differs from its default
 # Parameters that a linear response does not have.
 NONLINEAR = ("idle_torque", "coulomb", "drift_coulomb", "bristle_stiffness", "bristle_damping", "half_gap")
-OF_EVERY_STEP = ("hold", "free", "known")
+OF_EVERY_STEP = ("hold", "free", "known", "unidentified")
 # Step, and the option that selects another fit of it -> the other options that it uses, or refuses by itself.
 USED_OPTIONS: Mapping[str, tuple[str, ...]] = {
     "steady": ("method", "start", "flux_decay", "stages"),
@@ -65,6 +65,7 @@ class Options:
     start      greybox and backlash: known states in which every recording begins
     known      covariance of the values in the parameter files, so that the intervals of fitted
                parameters include the uncertainty of held ones
+    unidentified  names of the values there that no recording identifies: each is a start, and no known value
     """
 
     hold: tuple[str, ...] = ()
@@ -83,6 +84,7 @@ class Options:
     stages: tuple[tuple[float, float], ...] = field(default=(), metadata=STEP_SPECIFIC)
     start: KnownStart = field(default_factory=KnownStart)
     known: Covariance | None = None
+    unidentified: tuple[str, ...] = ()
 
     def __post_init__(self) -> None:
         """Raise BadOption where a parameter is held and free."""
